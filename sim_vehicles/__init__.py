@@ -2,9 +2,9 @@
 
 In reading order:
 
-- `vehicle`: one vehicle: `airframe` and `guidance`; `message_handlers` and `telemetry` for
+- `vehicle`: one vehicle: `paper_airframe`, `banked_airframe`, `guidance`; `message_handlers`, `telemetry` for
   MAVLink; `packet_loss`; its `process` in real time.
-- `autopilots`: ArduPlane and PX4 (`base`, `arduplane`, `px4`), their `failsafe`, `fence`, `parameters`,
+- `autopilots`: ArduPlane and PX4 (`autopilot_traits`, `arduplane`, `px4`), `failsafe`, `fence`, `parameters`,
   `commands` and mission protocols, and real firmware in the loop (`firmware`, `firmware_process`).
 - `world`: `scenario` (the `[simulation]` table), targets, sensors, ground truth, and their process.
 - `campaign`: whole missions on virtual time. `virtual_run` flies one, `campaign` many.

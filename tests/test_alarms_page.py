@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gcs.io.records import decode, encode
+from gcs.io.record_json import decode, encode
 from gcs.model import Notice, NoticeCode
 from gcs.report.alarms_page import alarms_page, sections
 

@@ -9,7 +9,7 @@ from typing import get_args
 
 from helpers.messages_page import fields, messages_page
 
-from gcs.io.records import encode_shown
+from gcs.io.record_json import encode_shown
 from gcs.model import Effect, Notice, NoticeCode, Send
 
 PAGE = Path(__file__).parents[1] / "docs" / "messages.md"

@@ -17,11 +17,11 @@ from typing import Final
 import msgspec
 from rich.console import Console
 
-from gcs.cli.console_page import PageOptions, open_listener, show_address
+from gcs.cli.console_options import PageOptions, open_listener, show_address
 from gcs.cli.following import FIND_S, address_of
 from gcs.console.remote.remote_run import find_run
 from gcs.console.server import ConsoleServer
-from gcs.console.web.access import Access, parse_access
+from gcs.console.web.console_access import Access, parse_access
 from gcs.console.web.listener import Listener
 from gcs.console.web.tiles import Tiles
 from gcs.errors import ConsoleError

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.text import Text
 
 from gcs.errors import GcsError, InterruptedRunError, NoAnswerError, ReplacedError
-from gcs.io.console import console_for
+from gcs.io.terminal import console_for
 
 
 def print_error(error: GcsError, console: Console | None = None) -> int:

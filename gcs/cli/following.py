@@ -18,12 +18,12 @@ import numpy as np
 from gcs.console.remote.remote_run import find_run
 from gcs.console.source import Source
 from gcs.console.view.news import News, NewsRequest
-from gcs.console.view.schema import MissionInfo
+from gcs.console.view.page_records import MissionInfo
 from gcs.geo import LocalFrame
 from gcs.io.zenoh.discovery import choose_service
 from gcs.io.zenoh.session import ZenohSession
 from gcs.report.export.mission_frame import MissionFrame
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 FIND_S: Final = 10.0
 """Time in which the service must answer."""

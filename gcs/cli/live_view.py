@@ -1,4 +1,4 @@
-"""Display of a run: a live view in a terminal, or plain lines elsewhere.
+"""Live view of a run in a terminal: log, agents, targets, links; plain lines elsewhere.
 
 Both are sinks of events and effects. The live view also reads the state of the engine.
 """
@@ -22,7 +22,7 @@ from gcs.config import Config
 from gcs.core.authority.override_notices import overridden_text
 from gcs.core.engine import Engine
 from gcs.io.links.vehicle_links import VehicleLinks
-from gcs.io.log_console import LogConsole
+from gcs.io.log_output import LogConsole
 from gcs.model import (
     NS_PER_S,
     AgentRecord,

@@ -20,7 +20,7 @@ from gcs.endpoints import Link, is_loopback
 from gcs.errors import ConfigError, LinkError
 from gcs.geojson import read_zones
 from gcs.model import vehicle_name
-from gcs.terrain.elevation_model import decode_model, is_model_text
+from gcs.terrain.elevation_text import decode_model, is_model_text
 from gcs.terrain.problem import TerrainFileError
 
 _MIN_BAND_M = 20.0

@@ -31,8 +31,8 @@ from gcs.endpoints import Link
 from gcs.geo import LocalFrame
 from gcs.geojson import Zones, read_zones
 from gcs.model import LayerHeights, VerticalLimits
-from gcs.terrain.elevation import Elevation
-from gcs.terrain.elevation_model import ElevationModel, decode_model
+from gcs.terrain.elevation_grid import Elevation
+from gcs.terrain.elevation_text import ElevationModel, decode_model
 
 AirframeName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")]
 ZONES = "the GeoJSON of the map"

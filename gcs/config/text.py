@@ -1,4 +1,4 @@
-"""Texts of missions: shipped scenarios, files, and the GeoJSON and the elevation model that they name."""
+"""Text of a mission: shipped scenario or file, and the GeoJSON and elevation model that it names."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gcs.errors import ConfigError
 from gcs.files import read_text as read_file
 from gcs.geo import LocalFrame
 from gcs.geojson import read_zones
-from gcs.terrain.elevation_model import encode_model, is_model_text
+from gcs.terrain.elevation_text import encode_model, is_model_text
 from gcs.terrain.problem import TerrainFileError
 
 _GEOJSON = re.compile(

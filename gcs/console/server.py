@@ -1,4 +1,4 @@
-"""The server of the console: a thread with its own event loop.
+"""Server of the console: a thread with its own event loop; periods of updates, and when a service is lost.
 
 For a live service it is in a process of its own, for a replay beside it. In both cases it asks the run for
 what is new (`Source`), and encodes it once for all pages. A slow browser delays this thread only.
@@ -21,18 +21,18 @@ import uvicorn
 from websockets.exceptions import InvalidState
 
 from gcs.console.source import Source
-from gcs.console.view.history import History
 from gcs.console.view.news import NewsRequest
-from gcs.console.view.schema import MissionInfo, ReplayState, VehicleDetail
-from gcs.console.view.world import World
-from gcs.console.web.access import Access, tls_context
-from gcs.console.web.app import Board, make_app
-from gcs.console.web.clients import Clients
+from gcs.console.view.page_records import MissionInfo, ReplayState, VehicleDetail
+from gcs.console.view.page_state import World
+from gcs.console.view.run_marks import History
+from gcs.console.web.console_access import Access, tls_context
 from gcs.console.web.listener import LISTEN_BACKLOG, Listener, bind
-from gcs.console.web.orders import OrderDesk
-from gcs.console.web.playback import PlaybackDesk
-from gcs.console.web.preflight import PreflightDesk
+from gcs.console.web.order_requests import OrderDesk
+from gcs.console.web.page_connections import Clients
+from gcs.console.web.playback_control import PlaybackDesk
+from gcs.console.web.preflight_run import PreflightDesk
 from gcs.console.web.tiles import Tiles
+from gcs.console.web.web_routes import Board, make_app
 from gcs.model import NoticeCode, NoticeContent
 
 _PUBLISH_S: Final = 0.1

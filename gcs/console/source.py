@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gcs.console.view.news import News, NewsRequest
-from gcs.console.view.schema import MissionInfo, VehicleDetail
-from gcs.console.web.playback import Playback
+from gcs.console.view.page_records import MissionInfo, VehicleDetail
+from gcs.console.web.playback_control import Playback
 
 
 class UnknownVehicleError(LookupError):

@@ -1,4 +1,4 @@
-"""Restart: continuation from a snapshot, after an outage of the service.
+"""Restart: what is done with a state after an outage, and how long is waited before the first plan.
 
 The outage is a gap in all links: uploads, orders and authorities continue. What may have changed meanwhile is
 checked.
@@ -19,7 +19,7 @@ from __future__ import annotations
 from typing import Final
 
 from gcs.core.perception.arrival_and_loss import UNSEEN_S
-from gcs.core.perception.records import AgentSighting, Association, IntegrityTest, TrackerState
+from gcs.core.perception.perception_state import AgentSighting, Association, IntegrityTest, TrackerState
 from gcs.core.state import Agent, State, with_status
 from gcs.model import NS_PER_S, Effect, Notice, NoticeCode, Parameter, Resumed, named
 

@@ -1,4 +1,4 @@
-"""Stages of the engine, made in the order in which they depend on each other.
+"""Construction of the stages of the engine, in the order in which they depend on each other.
 
 A stage is a small class without state of its own. It gets the parts of the state that it may change.
 """

@@ -13,19 +13,19 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from gcs.core.airspace.records import AirspaceState
-from gcs.core.authority.control_authority import derived_claims
-from gcs.core.authority.records import AgentAuthority, AuthorityState
-from gcs.core.flight.records import AgentFlight, FlightState
+from gcs.core.airspace.airspace_state import AirspaceState
+from gcs.core.authority.authority_state import AgentAuthority, AuthorityState
+from gcs.core.authority.derived_claims import derived_claims
+from gcs.core.flight.flight_state import AgentFlight, FlightState
 from gcs.core.operator.records import AgentOrders, OperatorState
-from gcs.core.perception.records import AgentPerception, PerceptionState
-from gcs.core.preflight.records import AgentReturn
+from gcs.core.perception.perception_state import AgentPerception, PerceptionState
+from gcs.core.preflight.preflight_state import AgentReturn
 from gcs.core.replanning.records import AgentRoutes, ReplanningState
 from gcs.core.separation.records import AgentSeparation, SeparationState
-from gcs.core.takeoff.records import AgentTakeoff, TakeoffState
-from gcs.core.tasking.records import AgentTasking, TaskingState
+from gcs.core.takeoff.takeoff_state import AgentTakeoff, TakeoffState
+from gcs.core.tasking.tasking_state import AgentTasking, TaskingState
+from gcs.mavlink.fleet.fleet_state import FleetState, VehicleLink
 from gcs.mavlink.fleet.notice_queue import RepeatLimit
-from gcs.mavlink.fleet.records import FleetState, VehicleLink
 from gcs.mavlink.fleet.telemetry_table import new_table
 from gcs.mavlink.services.terrain_data import TerrainRecord
 from gcs.model import AgentStatus, Authority, Claim, Claims, Control, Label, Route

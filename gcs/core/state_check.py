@@ -26,7 +26,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.core.replanning.records import AgentRoutes
 from gcs.core.state import Agent, State
-from gcs.core.tasking.records import OnboardMission
+from gcs.core.tasking.tasking_state import OnboardMission
 from gcs.mavlink.autopilots import profile_of
 from gcs.mavlink.frames.codec import Encoder
 from gcs.model import NS_PER_S, Route

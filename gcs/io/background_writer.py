@@ -18,7 +18,7 @@ from typing import Final, TextIO, cast
 
 from rich.console import Console
 
-from gcs.io.console import ERRORS
+from gcs.io.terminal import ERRORS
 from gcs.model import NoticeCode, NoticeContent, Parameter
 
 _STUCK_S: Final = 3.0

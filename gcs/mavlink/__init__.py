@@ -48,10 +48,10 @@ if TYPE_CHECKING:
     from gcs.mavlink.mission.item_builder import build_items
     from gcs.mavlink.mission.items import Home, Item, item_of
     from gcs.mavlink.mission.upload import Upload
+    from gcs.mavlink.mission.upload_kinds import list_upload, mission_upload
     from gcs.mavlink.mission.upload_limits import UploadPolicy
     from gcs.mavlink.mission.upload_stages import Event, OnboardState, UploadResult
     from gcs.mavlink.mission.upload_state import UploadState
-    from gcs.mavlink.mission.uploads import list_upload, mission_upload
     from gcs.mavlink.router.router import Routed, Router
     from gcs.model import Mission, Waypoint
 
@@ -99,7 +99,7 @@ _PARTS: Final = {
     "gcs.mavlink.mission.upload_limits": ("UploadPolicy",),
     "gcs.mavlink.mission.upload_stages": ("Event", "OnboardState", "UploadResult"),
     "gcs.mavlink.mission.upload_state": ("UploadState",),
-    "gcs.mavlink.mission.uploads": ("list_upload", "mission_upload"),
+    "gcs.mavlink.mission.upload_kinds": ("list_upload", "mission_upload"),
     "gcs.mavlink.router.router": ("Routed", "Router"),
     "gcs.model": ("Mission", "Waypoint"),
 }

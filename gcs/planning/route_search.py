@@ -1,4 +1,4 @@
-"""Paths of all agents to all targets, and the route of one agent to one target.
+"""Paths of all agents to all targets, aimed ahead of moving ones, and the path of one agent to one target.
 
 A moving target is intercepted (`gcs.planning.intercept`): its predicted positions are extra columns of the
 path search. Shaping and turns change the length of a route, so the intercept is corrected by the length of
@@ -17,7 +17,7 @@ from gcs.model import FloatArray, IntArray, NoticeCode, NoticeContent, read_only
 from gcs.planning.intercept import intercept_times, predict_targets
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import clear_leg
-from gcs.planning.path.shortcut import ShapedPath, connect_to_grid, shape_path
+from gcs.planning.path.path_shaping import ShapedPath, connect_to_grid, shape_path
 from gcs.planning.path.turns import SHARP_CORNER, SHARP_START
 from gcs.planning.planner_inputs import AgentState, PlanOptions, TargetDemand
 from gcs.planning.search.cost_matrix import Endpoints, PathLookup, shortest_paths

@@ -1,4 +1,4 @@
-"""A bridge: the MAVLink endpoints of a mission in a process of their own, and heartbeats that nothing delays.
+"""Bridge: the MAVLink endpoints of a mission in a process of their own, and heartbeats that nothing delays.
 
 Command connects over zenoh and sees the links of a bridge as its own (`gcs.io.cluster.bridge_links`). The
 bridge frames, checks signatures, routes other ground stations, and sends. It knows nothing of missions. While
@@ -15,7 +15,7 @@ from functools import partial
 from typing import Final
 
 from gcs.core.lease.bridge_lease import accepts, answer_ask, extend_lease, start_lease
-from gcs.core.lease.records import Ask
+from gcs.core.lease.lease_messages import Ask
 from gcs.errors import WireError
 from gcs.io.background_writer import BackgroundWriter
 from gcs.io.clock import RunClock, steady_ns

@@ -1,4 +1,4 @@
-"""A telemetry log as events: frames of the mission's vehicles, with ticks between them.
+"""Telemetry logs of other programs as events: frames of the vehicles, with ticks between them.
 
 A tlog has the traffic of both directions. Frames with the system ids of the mission's vehicles are received
 frames; all others (ground stations, radios, unknown systems) are ignored.
@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Final, cast
 
 from gcs.errors import RecordingError
-from gcs.io.detections.readers import Detections, load
 from gcs.io.detections.table_files import ENDINGS
+from gcs.io.detections.track_input import Detections, load
 from gcs.io.onboard_logs import open_telemetry
 from gcs.io.recording.reader import Record
 from gcs.io.recording.timestamps import LogClock

@@ -1,4 +1,4 @@
-"""A standby: a second engine that applies the events of command, and commands when command is gone.
+"""Standby: a second engine that applies the events of command, and commands when command is gone.
 
 It asks command for its state, and applies the events after it. Once a second it compares a hash of its state
 with that of command. When the lease of the bridge runs out, and the standby has the state, it asks for the
@@ -17,7 +17,7 @@ from typing import Final, Protocol
 
 from gcs.config import Config
 from gcs.core.engine import Engine
-from gcs.core.lease.records import TIMES
+from gcs.core.lease.lease_messages import TIMES
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.core.state import State
 from gcs.errors import LinkError, WireError

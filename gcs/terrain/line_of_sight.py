@@ -6,7 +6,7 @@ horizon r. The height of that line above the ground at r is the shadow: 0 where 
 This is the viewshed of a geographic information system, kept as heights, for objects of every height.
 
 The ground is read as often as its nodes are apart. Beyond the elevation model nothing is in the way. The
-Earth's curvature is left out, as in `gcs.terrain.elevation`.
+Earth's curvature is left out, as in `gcs.terrain.elevation_grid`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 
 from gcs.jit import Call, kernel
 from gcs.model import Float32Array, FloatArray, Visibility, read_only
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 _MAX_BEARINGS: Final = 1024
 _MAX_RANGES: Final = 512

@@ -1,4 +1,4 @@
-"""Status texts that a fault brings by itself, apart from those of failsafes."""
+"""Status texts of simulated autopilots about a fault, apart from those of failsafes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_vehicles.autopilots.records import StatusText
+from sim_vehicles.autopilots.autopilot_states import StatusText
 from sim_vehicles.vehicle.faults import FaultKind, Faults
 
 

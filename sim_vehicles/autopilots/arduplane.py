@@ -1,4 +1,4 @@
-"""ArduPlane's autopilot: modes, arming, mission execution and failsafe.
+"""Simulated ArduPlane: modes, arming, mission execution, landing, and coming down.
 
 Behaviour of ArduPlane that ground stations must handle:
 
@@ -41,17 +41,17 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.announcements import Announcer
-from sim_vehicles.autopilots.base import ARDUPLANE, AutopilotTraits, Mode
+from sim_vehicles.autopilots.autopilot_states import ITEM_NAMES, Home, ItemReached, MissionState, StatusText
+from sim_vehicles.autopilots.autopilot_traits import ARDUPLANE, AutopilotTraits, Mode
 from sim_vehicles.autopilots.failsafe import Failsafe, PlaneFailsafe
 from sim_vehicles.autopilots.fence import FenceGuard
 from sim_vehicles.autopilots.mission_protocol import MISSION, Item, MissionStore
 from sim_vehicles.autopilots.parameters import Parameters
-from sim_vehicles.autopilots.records import ITEM_NAMES, Home, ItemReached, MissionState, StatusText
-from sim_vehicles.vehicle.airframe import Airframe
 from sim_vehicles.vehicle.battery import Battery
 from sim_vehicles.vehicle.faults import FaultKind, Faults
 from sim_vehicles.vehicle.geodesy import Geodesy
 from sim_vehicles.vehicle.guidance import Circle, Goal, Legs, Straight, ToPoint, Tuning, density_ratio
+from sim_vehicles.vehicle.paper_airframe import Airframe
 
 _CHECK_NS = NS_PER_S // 10
 _GLIDE_SLOPE = 0.1

@@ -14,8 +14,8 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim_vehicles.autopilots.arduplane import Autopilot
-from sim_vehicles.autopilots.base import PX4, Mode
-from sim_vehicles.autopilots.records import Home, MissionState
+from sim_vehicles.autopilots.autopilot_states import Home, MissionState
+from sim_vehicles.autopilots.autopilot_traits import PX4, Mode
 from sim_vehicles.vehicle.telemetry import Streams, Telemetry
 
 _ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED

@@ -1,4 +1,4 @@
-"""Fence and rally points of the vehicle.
+"""Simulated fence and rally points: breaches, and what the vehicle does then.
 
 ArduPlane with FENCE_ACTION 1: a breach of an enabled fence changes the mode to RTL, once, with a text.
 Simulated kinds (FENCE_TYPE): greatest height (bit 0), circle round home (bit 1), uploaded areas (bit 2). PX4
@@ -16,7 +16,7 @@ import numpy as np
 from gcs.fence import Area
 from gcs.mavlink.mission.geofence_rally import fence_from_items
 from gcs.mavlink.mission.items import Item as MissionItem
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.autopilots.mission_protocol import FENCE, RALLY, Item, MissionStore
 from sim_vehicles.autopilots.parameters import Parameters
 from sim_vehicles.vehicle.geodesy import Geodesy

@@ -23,7 +23,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs.errors import SimulationError
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S
-from sim_vehicles.autopilots.base import TRAITS, Mode
+from sim_vehicles.autopilots.autopilot_traits import TRAITS, Mode
 from sim_vehicles.vehicle.faults import FaultKind
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 
@@ -287,7 +287,7 @@ def true_place(message: Any) -> tuple[float, float] | None:
 
 
 def truth_messages(t_ns: int, place: tuple[float, float] | None, alt_msl_m: float = math.nan) -> list[Any]:
-    """Return the messages of a true state for `sim_vehicles.world.process`; without a place, of a loss."""
+    """Return the messages of a true state for the simulated world; without a place, of a loss."""
     messages = [mavlink.MAVLink_system_time_message(t_ns // 1000, (t_ns // 1_000_000) & 0xFFFFFFFF)]
     if place is not None:
         lat_deg, lon_deg = place

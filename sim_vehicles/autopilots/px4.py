@@ -1,4 +1,4 @@
-"""PX4's autopilot, where it differs from ArduPlane's.
+"""Simulated PX4, where it differs from ArduPlane.
 
 Observed on PX4 1.17-dev (SIH airplane), and read in its navigator:
 
@@ -29,10 +29,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.arduplane import Autopilot
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_states import ItemReached, MissionState
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.autopilots.failsafe import Px4Failsafe
 from sim_vehicles.autopilots.mission_protocol import Item
-from sim_vehicles.autopilots.records import ItemReached, MissionState
 from sim_vehicles.vehicle.guidance import Circle, Goal, ToPoint
 
 _LAND_SINK_M_S = 0.9

@@ -1,4 +1,4 @@
-"""`gcs simulate`: evaluated missions on virtual time."""
+"""Run of `gcs simulate`: evaluated missions on virtual time, and their table."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from gcs.cli.warm_up_progress import flying, load_kernels
-from gcs.io.console import console_for
 from gcs.io.recording.folder import Run, versions
 from gcs.io.recording.recorder import DiskBudget, Recorder
+from gcs.io.terminal import console_for
 from gcs.model import Effect, Event, Truth
 from gcs.report.run.evaluation import Summary, evaluator_of, summary_json
 from gcs.report.run.summary import print_summary

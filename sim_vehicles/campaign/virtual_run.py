@@ -35,7 +35,7 @@ from gcs.model import (
 from sim_vehicles.vehicle.packet_loss import is_lost
 from sim_vehicles.vehicle.vehicle import SimVehicle
 from sim_vehicles.world.scenario import Scenario, generator
-from sim_vehicles.world.specs import vehicle_specs
+from sim_vehicles.world.vehicle_specs import vehicle_specs
 from sim_vehicles.world.world import World
 
 STEP_NS = NS_PER_S // 20

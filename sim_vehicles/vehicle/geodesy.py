@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from gcs.geo import LocalFrame
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 REACH_M = 1000.0
 _H_M = 500.0

@@ -26,7 +26,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from sim_vehicles.vehicle.airframe import TURN_TIME_S, Airframe
+from sim_vehicles.vehicle.paper_airframe import TURN_TIME_S, Airframe
 
 REFERENCE_S = 6.0
 """Reference point of the heading law, in seconds of flight: its loop is then damped at 0.7."""

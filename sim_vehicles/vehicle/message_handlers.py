@@ -15,11 +15,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.mavlink.services.parameter_protocol import decode_value, encode_value
 from sim_vehicles.autopilots.arduplane import Autopilot
-from sim_vehicles.autopilots.base import PX4, Mode
+from sim_vehicles.autopilots.autopilot_states import ItemReached, StatusText
+from sim_vehicles.autopilots.autopilot_traits import PX4, Mode
 from sim_vehicles.autopilots.command_protocol import Commands
 from sim_vehicles.autopilots.mission_protocol import MISSION, NEVER_NS, MissionServer
 from sim_vehicles.autopilots.px4_mission_protocol import Px4MissionServer
-from sim_vehicles.autopilots.records import ItemReached, StatusText
 from sim_vehicles.vehicle.frames import FrameReader, Outbox, Signing
 from sim_vehicles.vehicle.telemetry import Streams, Telemetry
 

@@ -1,4 +1,4 @@
-"""Telemetry of the vehicle: one builder for each message, and the schedule.
+"""Telemetry of a simulated vehicle: which messages it sends, with what content and how often.
 
 Message definitions: https://mavlink.io/en/messages/common.html and ardupilotmega.html. Default rates are
 ArduPlane's, about 1 Hz; the groups of REQUEST_DATA_STREAM follow ArduPlane's ``SR*`` streams.
@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.arduplane import Autopilot
-from sim_vehicles.autopilots.base import PX4, Mode
+from sim_vehicles.autopilots.autopilot_traits import PX4, Mode
 from sim_vehicles.autopilots.mission_protocol import NEVER_NS
 from sim_vehicles.vehicle.faults import FaultKind
 from sim_vehicles.vehicle.guidance import REFERENCE_S, Straight

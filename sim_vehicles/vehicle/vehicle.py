@@ -1,4 +1,4 @@
-"""One simulated vehicle: airframe, autopilot and link on one clock.
+"""Simulated vehicle: airframe, autopilot and link on one clock.
 
 It flies in virtual time and in a process of its own alike: time and bytes are arguments.
 
@@ -20,19 +20,19 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 from sim_vehicles.autopilots.arduplane import Autopilot
-from sim_vehicles.autopilots.base import TRAITS
+from sim_vehicles.autopilots.autopilot_traits import TRAITS
 from sim_vehicles.autopilots.mission_protocol import NEVER_NS
 from sim_vehicles.autopilots.parameters import Parameters
 from sim_vehicles.autopilots.px4 import Px4Autopilot
-from sim_vehicles.vehicle.airframe import STEP_NS, Airframe
 from sim_vehicles.vehicle.banked_airframe import BankedAirframe
 from sim_vehicles.vehicle.faults import Fault, FaultChange, FaultKind, fault_changes
 from sim_vehicles.vehicle.geodesy import Geodesy
 from sim_vehicles.vehicle.message_handlers import VehicleLink
+from sim_vehicles.vehicle.paper_airframe import STEP_NS, Airframe
 from sim_vehicles.vehicle.wind import Wind
-from sim_vehicles.world.ground import GroundContact
+from sim_vehicles.world.first_contact import GroundContact
 
 AIRFRAMES: dict[str, type[Airframe]] = {"paper": Airframe, "banked": BankedAirframe}
 
@@ -66,7 +66,7 @@ class VehicleSpec:
     """Of waypoints without an own radius."""
     gps_noise_std_m: float = 1.0
     airframe: str = "paper"
-    """Airframe: "paper" (`sim_vehicles.vehicle.airframe`) or "banked" (`banked_airframe`)."""
+    """Airframe: "paper" (`sim_vehicles.vehicle.paper_airframe`) or "banked" (`banked_airframe`)."""
     max_bank_deg: float | None = None
     """Greatest bank; None: that of the airframe. The paper's model has no limit."""
     climb_deg: float | None = None

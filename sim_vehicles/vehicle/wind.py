@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from gcs.model import NS_PER_S
-from sim_vehicles.vehicle.airframe import Airframe
+from sim_vehicles.vehicle.paper_airframe import Airframe
 
 _STEP_NS = NS_PER_S // 10
 _DRAWN = 256

@@ -22,7 +22,7 @@ import numpy as np
 
 from gcs.config.schema import MapTable
 from gcs.model import BoolArray, FloatArray, Polar, Scan, Sensor, TruthObject, Viewpoint, read_only
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 from gcs.tracking.models.sensor_geometry import (
     covers,
     expected_clutter,

@@ -22,7 +22,7 @@ from gcs.cli.analyse.track import Estimator
 from gcs.cli.analyse.track_run import track_detections
 from gcs.cli.analyse.track_scores import Scores, States, Tracked, score, score_rows
 from gcs.cli.warm_up_progress import HISTORIES, TRACKING, load_kernels
-from gcs.io.detections.readers import Detections, load
+from gcs.io.detections.track_input import Detections, load
 
 Baseline: TypeAlias = Literal["nearest", "true-association"]
 

@@ -158,8 +158,8 @@ async def serve(port: int) -> None:
     from gcs.console.view.capture import Capture
     from gcs.console.view.feed import Feed
     from gcs.console.view.news import News, NewsRequest
-    from gcs.console.view.schema import RunInfo
-    from gcs.console.web.access import Access
+    from gcs.console.view.page_records import RunInfo
+    from gcs.console.web.console_access import Access
     from gcs.core.airspace.obstacle_map import mission_grid
     from gcs.mavlink.fleet.telemetry_table import new_table
     from gcs.model import NS_PER_S, Picture, Scan, Sensor, SwarmStatus, TargetRecord, Tick, Track

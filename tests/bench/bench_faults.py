@@ -34,7 +34,7 @@ from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.vehicle.faults import FaultKind
 from sim_vehicles.vehicle.vehicle import SimVehicle
 from sim_vehicles.world.scenario import Scenario, generator, parse_scenario
-from sim_vehicles.world.specs import vehicle_specs
+from sim_vehicles.world.vehicle_specs import vehicle_specs
 
 KINDS = tuple(kind.value for kind in FaultKind)
 MOMENTS = ("climb", "en route", "near the target")

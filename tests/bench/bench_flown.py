@@ -1,30 +1,33 @@
-"""How near vehicles come to obstacles as they are flown, over seeds, in calm air and in wind.
+"""How near vehicles come to obstacles, and to each other, as they are flown, in calm air and in wind.
 
 ``python tests/bench/bench_flown.py [SCENARIO ...] [--seeds 16] [--each] [--home]`` prints a table: the least
 distance of any vehicle from any blocked cell in whole missions on virtual time, until near the end
-of its route; and in how many runs a vehicle was inside one there, passing or circling. Winds are shares of
-the airspeed. Their direction is drawn for each seed, gusts have a quarter of their strength, and the mission
-file states the sum of both (`airframe.wind_m_s`).
+of its route; in how many missions a vehicle was inside one there, passing or circling; and how many pairs in
+the air lost separation. Winds are shares of the airspeed. Their direction is drawn for each seed, gusts have
+a quarter of their strength, and the mission file states the sum of both (`airframe.wind_m_s`).
 
 With ``--home`` vehicles land at home after their targets: how many were inside an obstacle between the
-two, with return routes that are planned and with straight ones.
+two.
 """
 
 import argparse
 import math
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 
 import numpy as np
-from helpers.flown_clearance import Nearest, ReturnFlight, flown_home, in_wind, landing, nearest
+from helpers.flown_clearance import FlownHome, Nearest, NearPair, flown_home, in_wind, landing, nearest
 
-from gcs.planning.planner import warm_up as warm_up_planning
+from gcs.model import FloatArray
+from gcs.planning.warm_up import warm_up as warm_up_planning
 from gcs.tracking.glmb.filter import warm_up as warm_up_tracking
 from sim_vehicles.world.scenario import Scenario, WindTable, load
 
 SCENARIOS = ("deterministic", "prescribed", "random-obstacles", "random-targets")
 GUST_SHARE = 0.25
 LANDED_M = 150.0
+_QUANTILES = "least / 5 % / 10 % / median, m"
 
 
 def blown(name: str, seed: int, share: float) -> Scenario:
@@ -45,33 +48,70 @@ def fly(name: str, seed: int, share: float) -> Nearest:
     return nearest(blown(name, seed, share), seed)
 
 
-def fly_home(name: str, seed: int, share: float, straight: bool) -> list[ReturnFlight]:
-    scenario = landing(blown(name, seed, share))
-    return list(flown_home(scenario, seed, straight=straight).values())
+def fly_home(name: str, seed: int, share: float, straight: bool) -> FlownHome:
+    return flown_home(landing(blown(name, seed, share)), seed, straight=straight)
 
 
-def show_ways_home(options: argparse.Namespace) -> None:
-    print(
-        "| scenario | wind | return routes | vehicles | landed | inside | least, a tenth below, median, m |"
+def words(pair: NearPair) -> str:
+    return (
+        f"agents {pair.vehicles[0]} and {pair.vehicles[1]} at {pair.t_s:.1f} s: {pair.distance_m:.0f} m and "
+        f"{pair.height_m:.1f} m in height, {pair.modes[0]} and {pair.modes[1]}"
     )
-    print("|---|---|---|---|---|---|---|")
-    n = options.seeds
-    with ProcessPoolExecutor(2) as pool:
-        for name, wind, straight in product(options.scenarios, options.winds, (True, False)):
-            order = [name] * n, range(1, n + 1), [wind] * n, [straight] * n
-            each = list(pool.map(fly_home, *order))
-            if options.each:
-                for seed, some in enumerate(each, 1):
-                    print(
-                        f"  {seed}: "
-                        + ", ".join(f"{one.clearance_m:.1f} m, {one.home_m:.0f}" for one in some)
-                    )
-            found = [one for some in each for one in some]
+
+
+def distribution(least_m: FloatArray) -> str:
+    return " / ".join(f"{np.quantile(least_m, share):.1f}" for share in (0.0, 0.05, 0.1, 0.5))
+
+
+def pairs_of(flown: Sequence[Nearest | FlownHome]) -> str:
+    each = [one.near_pairs for one in flown]
+    return f"{sum(map(len, each))} in {sum(map(bool, each))}"
+
+
+def show_ways_home(options: argparse.Namespace, seeds: range, routes: Sequence[bool]) -> None:
+    print(
+        f"| scenario | wind | return routes | vehicles | landed | inside | {_QUANTILES} "
+        "| near pairs, in missions |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
+    with ProcessPoolExecutor(options.workers) as pool:
+        for name, wind, straight in product(options.scenarios, options.winds, routes):
+            n = len(seeds)
+            flown = list(pool.map(fly_home, [name] * n, seeds, [wind] * n, [straight] * n))
+            found = [one for mission in flown for one in mission.flights.values()]
             least_m = np.array([one.clearance_m for one in found])
+            for seed, mission in zip(seeds, flown, strict=True) if options.each else ():
+                clearances_m = ", ".join(f"{one.clearance_m:.1f} m" for one in mission.flights.values())
+                print("; ".join([f"  {seed}: {clearances_m}", *map(words, mission.near_pairs)]))
             print(
                 f"| {name} | {wind:g} | {'straight' if straight else 'planned'} | {len(found)} "
                 f"| {sum(one.home_m <= LANDED_M for one in found)} | {int((least_m <= 0.0).sum())} "
-                f"| {least_m.min():.1f}, {np.quantile(least_m, 0.1):.1f}, {np.median(least_m):.1f} |",
+                f"| {distribution(least_m)} | {pairs_of(flown)} |",
+                flush=True,
+            )
+
+
+def show_missions(options: argparse.Namespace, seeds: range) -> None:
+    print(
+        f"| scenario | wind | missions | {_QUANTILES} | inside | … at the end | arrived "
+        "| near pairs, in missions |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
+    with ProcessPoolExecutor(options.workers) as pool:
+        for name, wind in product(options.scenarios, options.winds):
+            n = len(seeds)
+            flown = list(pool.map(fly, [name] * n, seeds, [wind] * n))
+            for seed, one in zip(seeds, flown, strict=True) if options.each else ():
+                nearest_words = (
+                    f"  {seed}: {one.clearance_m:.1f} m, agent {one.vehicle} at {one.t_s:.0f} s, "
+                    f"{one.tasked_s:.1f} s on route {one.routes}, ({one.east_m:.0f}, {one.north_m:.0f})"
+                )
+                print("; ".join([nearest_words, *map(words, one.near_pairs)]))
+            least_m = np.array([one.clearance_m for one in flown])
+            print(
+                f"| {name} | {wind:g} | {n} | {distribution(least_m)} | {int((least_m <= 0.0).sum())} "
+                f"| {sum(one.at_end_m <= 0.0 for one in flown)} | {sum(one.arrived for one in flown)} "
+                f"| {pairs_of(flown)} |",
                 flush=True,
             )
 
@@ -80,36 +120,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", default=SCENARIOS)
     parser.add_argument("--seeds", type=int, default=16)
+    parser.add_argument("--first", type=int, default=1, help="first seed")
     parser.add_argument("--winds", type=float, nargs="*", default=[0.0, 0.3], help="shares; default 0 0.3")
+    parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--each", action="store_true", help="show every seed")
-    parser.add_argument("--home", action="store_true", help="check the return routes from targets instead")
+    parser.add_argument("--home", action="store_true", help="land at home; check the return flights")
+    parser.add_argument("--straight", action="store_true", help="with --home: straight return routes, too")
     options = parser.parse_args()
+    seeds = range(options.first, options.first + options.seeds)
     warm_up_planning()
     warm_up_tracking()
     if options.home:
-        show_ways_home(options)
-        return
-    print("| scenario | wind | least, m | a tenth below, m | median, m | runs inside | … at the end |")
-    print("|---|---|---|---|---|---|---|")
-    with ProcessPoolExecutor(2) as pool:
-        for name in options.scenarios:
-            for wind in options.winds:
-                n = options.seeds
-                found = list(pool.map(fly, [name] * n, range(1, n + 1), [wind] * n))
-                if options.each:
-                    for seed, one in enumerate(found, 1):
-                        print(
-                            f"  {seed}: {one.clearance_m:.1f} m, agent {one.vehicle} at {one.t_s:.0f} s, "
-                            f"{one.tasked_s:.1f} s on route {one.routes}, "
-                            f"({one.east_m:.0f}, {one.north_m:.0f})"
-                        )
-                least_m = np.array([one.clearance_m for one in found])
-                print(
-                    f"| {name} | {wind:g} | {least_m.min():.1f} | {np.quantile(least_m, 0.1):.1f} "
-                    f"| {np.median(least_m):.1f} | {int((least_m <= 0.0).sum())} of {n} "
-                    f"| {sum(one.at_end_m <= 0.0 for one in found)} of {n} |",
-                    flush=True,
-                )
+        show_ways_home(options, seeds, (True, False) if options.straight else (False,))
+    else:
+        show_missions(options, seeds)
 
 
 if __name__ == "__main__":

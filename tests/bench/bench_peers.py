@@ -31,7 +31,7 @@ from pathlib import Path
 import numpy as np
 from draws import sets
 
-from gcs.io.detections.readers import Detections, load
+from gcs.io.detections.track_input import Detections, load
 from gcs.tracking.glmb.filter import Glmb, warm_up
 from gcs.tracking.metrics import ospa, ospa2
 from gcs.tracking.models import constant_velocity

@@ -26,7 +26,7 @@ from msgspec.structs import replace
 
 from gcs.config import Config
 from gcs.core.perception.fusion import MultiSensorTracker
-from gcs.core.perception.records import PerceptionState
+from gcs.core.perception.perception_state import PerceptionState
 from gcs.core.perception.report_history import ReportHistory
 from gcs.core.state import State
 from gcs.model import NS_PER_S, Scan, Sensor, VehicleState

@@ -26,7 +26,7 @@ from returns_trials import KINDS, Trial
 from returns_watch import Reader, near_pairs
 
 from gcs.errors import GcsError
-from gcs.io.records import decode
+from gcs.io.record_json import decode
 from gcs.io.zenoh.discovery import ServiceAddress
 from gcs.io.zenoh.key_expressions import truth_key
 from gcs.io.zenoh.order_client import send_order

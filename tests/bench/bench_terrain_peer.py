@@ -44,7 +44,7 @@ from gcs.planning.terrain.band import Vertical, make_band
 from gcs.planning.terrain.goal import goal_at
 from gcs.planning.terrain.route import plan_route
 from gcs.planning.terrain.terrain_map import BandCircle, TerrainMap, make_terrain_map
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 RANGE_M = 600.0
 """Longest step of RRT*, as published."""

@@ -20,7 +20,7 @@ from draws import sets
 
 from gcs.cli.analyse.track_run import track_detections
 from gcs.cli.analyse.track_scores import Scores, score
-from gcs.io.detections.readers import load
+from gcs.io.detections.track_input import load
 from gcs.tracking.glmb.filter import warm_up
 
 

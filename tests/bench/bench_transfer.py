@@ -16,8 +16,8 @@ from helpers.plane_double import AUTO, Channel, Joined, OfPlane, Plane, S, uploa
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
+from gcs.mavlink.fleet.fleet_state import ModeRecord
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
-from gcs.mavlink.fleet.records import ModeRecord
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home

@@ -37,7 +37,7 @@ from telemetry import with_crc
 
 from gcs.errors import NoAnswerError
 from gcs.geo import LocalFrame
-from gcs.io.records import decode
+from gcs.io.record_json import decode
 from gcs.io.zenoh.discovery import ServiceAddress
 from gcs.io.zenoh.key_expressions import scan_key
 from gcs.io.zenoh.order_client import send_order
@@ -352,7 +352,7 @@ class Bench:
         """Fly."""
         options = self._options
         vehicles = Vehicles(options.vehicles, options.hz, self._ports)
-        targets_m = grid(options.targets, 6000.0, SIDE_M - 200.0)
+        targets_m = grid(options.targets, SIDE_M / 2.0 + 200.0, SIDE_M - 200.0)  # within the view of a sensor
         for name in ("hill", "mast"):
             self._serve(name, "--role", "bridge", "--bridge", name)
         self._serve("command")

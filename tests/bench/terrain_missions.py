@@ -20,8 +20,8 @@ from scipy import ndimage
 
 from gcs.geo import LocalFrame
 from gcs.model import AgentStatus, Effect, Event, FloatArray, Notice, Tick, UploadReport
-from gcs.terrain.elevation import Elevation
 from gcs.terrain.elevation_file import read_elevation_model
+from gcs.terrain.elevation_grid import Elevation
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import parse_scenario
 

@@ -22,7 +22,7 @@ import numpy as np
 import rasterio
 
 from gcs.model import FloatArray
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 TILE = Path(__file__).parents[3] / "shared/data/terrain/davos.tif"
 TURN_RADIUS_M = 66.67

@@ -19,8 +19,8 @@ from terrain_missions import ALLOWED_M, DAVOS, LAYER_STEP_M, MAX_AGL_M, MIN_AGL_
 from gcs.io.recording.reader import read
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, Datagram, Truth
-from gcs.terrain.elevation import Elevation
-from sim_vehicles.autopilots.base import TRAITS, Mode
+from gcs.terrain.elevation_grid import Elevation
+from sim_vehicles.autopilots.autopilot_traits import TRAITS, Mode
 
 LAUNCHED_S = 20.0
 MISSIONS = (Mode.AUTO, Mode.LOITER)

@@ -10,7 +10,7 @@ from bench_terrain_peer import check, sample_route
 from terrain_pairs import MAX_GRADIENT, TURN_RADIUS_M, Circle, Pair
 
 from gcs.model import FloatArray
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 FLAT = Elevation((-1000.0, -1000.0), 10.0, np.zeros((301, 301)))
 PAIR = Pair(Circle(0.0, -TURN_RADIUS_M, 80.0), Circle(500.0 + TURN_RADIUS_M, 400.0, 90.0))

@@ -19,12 +19,12 @@ from gcs.cli.analyse.report_material import read_material
 from gcs.cli.analyse.run_file import RunFile
 from gcs.config import load
 from gcs.io.detections import table_files
-from gcs.io.detections.readers import load as load_detections
+from gcs.io.detections.track_input import load as load_detections
 from gcs.io.recording.reader import read, read_info
 from gcs.io.recording.recorder import Recorder
 from gcs.io.recording.tlog import LogFrame, read_log
 from gcs.model import NS_PER_S, Event, Picture, Scan, Truth
-from gcs.report.run.page import Material
+from gcs.report.run.run_page import Material
 from gcs.service.foreign_logs import DetectionFile, telemetry_records
 from gcs.service.replay import Replay, Window
 

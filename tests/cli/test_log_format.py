@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 
 from gcs.cli import app
 from gcs.cli.live_view import PlainLines
-from gcs.io.console import console_for
-from gcs.io.log_console import LogConsole
+from gcs.io.log_output import LogConsole
+from gcs.io.terminal import console_for
 from gcs.model import AgentStatus, Notice, NoticeCode, Tick
 
 FIELDS = ["time", "t_ns", "code", "level", "subject", "parameters", "text"]

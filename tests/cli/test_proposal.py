@@ -12,7 +12,7 @@ from gcs.cli.live_view import LiveView, PlainLines
 from gcs.config import load
 from gcs.core.engine import Engine
 from gcs.core.replanning.reasons import of_agent, of_target
-from gcs.mavlink.services.adsb import callsign
+from gcs.mavlink.services.adsb_out import callsign
 from gcs.model import (
     NS_PER_S,
     AgentStatus,
@@ -27,8 +27,8 @@ from gcs.model import (
     target_name,
 )
 from gcs.planning.map.grid import free_grid
-from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import PlanOptions
+from gcs.planning.team_routes import plan_routes
 from gcs.report.operator_lines import effect_notice
 
 S = NS_PER_S

@@ -15,7 +15,7 @@ from gcs.cli.run_setup import display
 from gcs.config import load
 from gcs.core.engine import Engine
 from gcs.core.preflight.result import CheckRow
-from gcs.io.console import console_for
+from gcs.io.terminal import console_for
 from gcs.model import Notice, NoticeCode, SwarmStatus, TargetRecord, Tick
 
 CHECKS = [

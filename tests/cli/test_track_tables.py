@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from gcs.cli import app
-from gcs.io.detections.readers import load
+from gcs.io.detections.track_input import load
 
 MODEL = """
 accel_psd_m2_s3 = 4.0

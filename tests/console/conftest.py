@@ -24,12 +24,12 @@ from playwright.sync_api import Page, expect, sync_playwright
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from websockets.sync.client import ClientConnection, connect
 
-from gcs.cli.console_page import answer_consoles
+from gcs.cli.service_console import answer_consoles
 from gcs.config import Config, load
 from gcs.console.remote.remote_run import find_run
 from gcs.console.server import ConsoleServer
 from gcs.console.view.feed import Feed
-from gcs.console.web.access import Access
+from gcs.console.web.console_access import Access
 from gcs.console.web.tiles import Tiles
 from gcs.endpoints import Link, parse_endpoint
 from gcs.io.clock import RunClock

@@ -6,7 +6,7 @@ import socket
 import pytest
 from websockets.exceptions import InvalidStatus
 
-from gcs.console.web.access import DEFAULT_PORT, Access, parse_access
+from gcs.console.web.console_access import DEFAULT_PORT, Access, parse_access
 from gcs.console.web.listener import bind
 from gcs.errors import ConsoleError
 from gcs.model import Order
@@ -37,8 +37,8 @@ def test_a_page_runs_scripts_and_styles_of_the_console_only(fly):
         assert "unsafe" not in policy
         assert b"style=" not in body
         assert body.count(b"<script") == body.count(b'<script type="module" src=')
-        assert flight.request("/../console/web/app.py")[0] == 404
-        assert flight.request("/%2e%2e/app.py")[0] == 404
+        assert flight.request("/../console/web/web_routes.py")[0] == 404
+        assert flight.request("/%2e%2e/web_routes.py")[0] == 404
 
 
 def test_a_token_is_needed_where_there_is_one_and_a_view_token_does_not_command(fly):

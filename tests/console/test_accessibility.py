@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from playwright.sync_api import expect
 
-from gcs.console.web.access import Access
+from gcs.console.web.console_access import Access
 
 OPERATE = "operate-0123456789"
 

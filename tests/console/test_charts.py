@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gcs.console.view.series import BINS, MAX_TRACKS, ChartData
+from gcs.console.view.chart_data import BINS, MAX_TRACKS, ChartData
 from gcs.mavlink.fleet.telemetry_table import BATTERY_PERCENT, FRAMES, LOST, new_table
 from gcs.model import Picture, Track, Truth, TruthObject
 

@@ -30,10 +30,10 @@ from gcs.cli import app
 from gcs.cli.analyse.compare import linked_replays
 from gcs.cli.analyse.playback import ReplayOptions
 from gcs.cli.analyse.run_file import RunFile
-from gcs.cli.console_page import replay_source
+from gcs.cli.replay_console import replay_source
 from gcs.console.server import ConsoleServer
-from gcs.console.view.schema import Figures
-from gcs.console.web.access import Access
+from gcs.console.view.page_records import Figures
+from gcs.console.web.console_access import Access
 from gcs.io.recording.reader import read_info
 from gcs.service.replay import Replay, Window
 

@@ -5,7 +5,7 @@ import json
 import socket
 import time
 
-from gcs.console.web.clients import Clients
+from gcs.console.web.page_connections import Clients
 from gcs.model import Order
 
 WAIT_S = 30.0

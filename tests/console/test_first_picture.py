@@ -19,7 +19,7 @@ def test_a_browser_needs_two_more_requests_whose_answers_it_keeps(fly):
             code, content, headers = flight.request(path)
             assert (code, "immutable" in headers["cache-control"]) == (200, True)
             assert not re.search(rb"^(import|export)\b", content, re.MULTILINE)
-        assert flight.request(loaded[0].rpartition("/")[0] + "/app.py")[0] == 404
+        assert flight.request(loaded[0].rpartition("/")[0] + "/web_routes.py")[0] == 404
         assert flight.request("/")[2]["cache-control"] == "no-cache"
 
 

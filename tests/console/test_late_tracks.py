@@ -12,13 +12,13 @@ from playwright.sync_api import Page, expect
 from gcs.config import load, parse, read_text
 from gcs.config.key_overrides import override_keys
 from gcs.console.engine.captures import capture
-from gcs.console.engine.local import feed_of
+from gcs.console.engine.replay_run import feed_of
 from gcs.console.remote.messages import NewsEncoder, decode_news
-from gcs.console.view.history import History
 from gcs.console.view.late_tracks import LateTracks
 from gcs.console.view.news import NewsRequest
-from gcs.console.view.schema import RunInfo
-from gcs.console.view.world import World
+from gcs.console.view.page_records import RunInfo
+from gcs.console.view.page_state import World
+from gcs.console.view.run_marks import History
 from gcs.model import LaggedPicture
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import parse_scenario

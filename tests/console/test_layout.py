@@ -13,9 +13,9 @@ from playwright.sync_api import Page, WebSocketRoute, expect
 
 from gcs.config import load
 from gcs.console.engine.captures import mission_info
-from gcs.console.view.history import History
-from gcs.console.view.schema import RunInfo
-from gcs.console.view.world import World
+from gcs.console.view.page_records import RunInfo
+from gcs.console.view.page_state import World
+from gcs.console.view.run_marks import History
 from gcs.model import NS_PER_S
 
 SIZES = [(1600, 900), (1400, 1000), (1024, 768), (400, 850)]

@@ -17,13 +17,13 @@ from websockets.exceptions import ConnectionClosed, InvalidState
 from websockets.sync.client import ClientConnection
 
 from gcs.console.server import FailedRequests
-from gcs.console.web import attempts as attempts_module
-from gcs.console.web import guard, listener
-from gcs.console.web.access import Access
-from gcs.console.web.app import number_of
-from gcs.console.web.attempts import BURST, Attempts, TooManyAttemptsError
-from gcs.console.web.clients import Clients
+from gcs.console.web import listener, request_checks
+from gcs.console.web import token_attempts as attempts_module
+from gcs.console.web.console_access import Access
 from gcs.console.web.listener import MAX_CONNECTIONS, Listener, client_of
+from gcs.console.web.page_connections import Clients
+from gcs.console.web.token_attempts import BURST, Attempts, TooManyAttemptsError
+from gcs.console.web.web_routes import number_of
 
 OPERATE, VIEW = "operate-0123456789", "view-0123456789abc"
 
@@ -37,13 +37,13 @@ def time_of(call: Callable[[], object]) -> float:
 @pytest.mark.parametrize("cookies", ['a="' + "\\" * 60_000 + '"', "a=b; " * 2000, "=" * 8000, ";" * 8000])
 def test_long_cookies_are_read_at_once(cookies: str) -> None:
     headers = Headers({"cookie": cookies})
-    assert time_of(lambda: guard._token(headers)) < 0.2
+    assert time_of(lambda: request_checks._token(headers)) < 0.2
 
 
 def test_a_cookie_keeps_any_token() -> None:
     for token in (OPERATE, 'with "quotes"; and = signs', "umlauts äöü", "100%41"):
-        name, value = guard.cookie(token)
-        assert guard._token(Headers({"cookie": f"other=1; {name}={value}; more"})) == token
+        name, value = request_checks.cookie(token)
+        assert request_checks._token(Headers({"cookie": f"other=1; {name}={value}; more"})) == token
 
 
 @pytest.mark.parametrize("path", ["/alarms", "/api/status", "/api/charts", "/page.js", "/metrics"])

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 
 from gcs.config import load as load_config
 from gcs.console.engine.captures import capture, mission_info
-from gcs.console.engine.local import feed_of
+from gcs.console.engine.replay_run import feed_of
 from gcs.console.remote.messages import NewsEncoder, decode_news, decode_request, encode_request
 from gcs.console.view import feed as feed_module
 from gcs.console.view.feed import Feed
-from gcs.console.view.history import History
 from gcs.console.view.news import News, NewsRequest
-from gcs.console.view.schema import RunInfo
-from gcs.console.view.world import World
+from gcs.console.view.page_records import RunInfo
+from gcs.console.view.page_state import World
+from gcs.console.view.run_marks import History
 from gcs.errors import WireError
 from gcs.model import NS_PER_S, NoFlyZone, Notice, NoticeCode, Order, Tick
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun

@@ -10,7 +10,7 @@ import msgspec
 import pytest
 from helpers.page_types import TARGET, page_types
 
-from gcs.console.view.schema import (
+from gcs.console.view.page_records import (
     ChartsReply,
     FeedMessage,
     MarksReply,

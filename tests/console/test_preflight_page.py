@@ -12,8 +12,8 @@ import time
 import pytest
 from playwright.sync_api import expect
 
-from gcs.console.web import preflight
-from gcs.console.web.preflight import PreflightDesk
+from gcs.console.web import preflight_run
+from gcs.console.web.preflight_run import PreflightDesk
 
 PRINTS = 'import time, sys; time.sleep(0.2); print(\'{"mission": "a", "refused": 2}\')'
 FAILS = "import sys; sys.exit('no endpoint for other ground stations')"
@@ -21,7 +21,7 @@ FAILS = "import sys; sys.exit('no endpoint for other ground stations')"
 
 def checks(monkeypatch: pytest.MonkeyPatch, program: str, mission_file: str | None, pages: int = 1) -> list:
     """Return what pages get that ask at the same time."""
-    monkeypatch.setattr(preflight, "_COMMAND", (sys.executable, "-c", program))
+    monkeypatch.setattr(preflight_run, "_COMMAND", (sys.executable, "-c", program))
 
     async def ask() -> list:
         desk = PreflightDesk(mission_file)

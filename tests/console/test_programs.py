@@ -6,11 +6,11 @@ from pathlib import Path
 
 from starlette.routing import Route
 
-from gcs.console.web.access import Access
-from gcs.console.web.app import described_routes
-from gcs.console.web.attempts import Attempts
+from gcs.console.web.console_access import Access
 from gcs.console.web.openapi import description
 from gcs.console.web.static_files import StaticFiles
+from gcs.console.web.token_attempts import Attempts
+from gcs.console.web.web_routes import described_routes
 
 
 def test_status_plan_metrics_and_their_description(fly):

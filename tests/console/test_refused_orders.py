@@ -5,7 +5,7 @@ from typing import Any, cast
 
 import pytest
 
-from gcs.console.web.orders import OrderDesk, RefusedOrderError
+from gcs.console.web.order_requests import OrderDesk, RefusedOrderError
 from gcs.errors import LinkError
 
 

@@ -14,9 +14,9 @@ from websockets.sync.client import connect
 
 from gcs.config import parse
 from gcs.console.engine.captures import capture
-from gcs.console.engine.local import local_source
+from gcs.console.engine.replay_run import local_source
 from gcs.console.server import ConsoleServer
-from gcs.console.web.access import Access
+from gcs.console.web.console_access import Access
 from gcs.io.recording.index import read_end_t_ns
 from gcs.io.recording.reader import read, read_info
 from gcs.service.replay import Replay, Window

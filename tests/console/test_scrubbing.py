@@ -19,10 +19,10 @@ from websockets.sync.client import connect
 
 from gcs.config import parse
 from gcs.console.engine.captures import capture
-from gcs.console.engine.local import local_source
+from gcs.console.engine.replay_run import local_source
 from gcs.console.server import ConsoleServer
-from gcs.console.view.history import MARKED, Mark, mark_of
-from gcs.console.web.access import Access
+from gcs.console.view.run_marks import MARKED, Mark, mark_of
+from gcs.console.web.console_access import Access
 from gcs.io.recording.index import read_end_t_ns, read_indexed, snapshot_places
 from gcs.io.recording.reader import read, read_info
 from gcs.model import NS_PER_S, Event, Snapshot

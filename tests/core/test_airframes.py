@@ -9,9 +9,9 @@ from helpers.areas import ALABAMA
 from helpers.staging import state
 
 from gcs.config import parse
+from gcs.core.airspace.airspace_state import AirspaceState
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import mission_grid, mission_map
-from gcs.core.airspace.records import AirspaceState
 from gcs.core.preflight.mission_checks import rehearse
 from gcs.core.preflight.vehicle_checks import envelope_of
 from gcs.core.replanning.plan_targets import plan_options, vehicle_options
@@ -20,12 +20,12 @@ from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.errors import ConfigError
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
 from gcs.model import Route, read_only
-from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState
+from gcs.planning.team_routes import plan_routes
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.vehicle.banked_airframe import BankedAirframe
 from sim_vehicles.world.scenario import parse_scenario
-from sim_vehicles.world.specs import vehicle_specs
+from sim_vehicles.world.vehicle_specs import vehicle_specs
 
 SLOW, FAST = 1, 2
 MIXED = (

@@ -18,7 +18,7 @@ from gcs.core.engine import Engine
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.core.tasking.onboard_missions import OnboardMission
-from gcs.core.tasking.records import QueuedRoute
+from gcs.core.tasking.tasking_state import QueuedRoute
 from gcs.mavlink.autopilots import profile_of
 from gcs.mavlink.frames.codec import Encoder
 from gcs.mavlink.mission.item_builder import build_items

@@ -28,7 +28,7 @@ from gcs.mavlink.frames.codec import Encoder, scan
 from gcs.mavlink.frames.signing import signed, timestamp_of
 from gcs.mavlink.services.preflight_query import PREFLIGHT_MESSAGE_IDS, PreflightQuery
 from gcs.model import Datagram, Scan, Send
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 from sim_vehicles.world.scenario import load
 from sim_vehicles.world.sensor import make_sensors

@@ -16,7 +16,7 @@ from gcs.config.key_overrides import override_keys
 from gcs.core.engine import Engine
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.core.state import State, flown_routes, with_status
-from gcs.io.records import encode
+from gcs.io.record_json import encode
 from gcs.mavlink.frames.codec import Encoder
 from gcs.model import (
     AgentStatus,
@@ -33,7 +33,7 @@ from gcs.model import (
     Tick,
     UploadReport,
 )
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import load, parse_scenario
 

@@ -15,7 +15,7 @@ from gcs.core.snapshot import decode_state, encode_state
 from gcs.mavlink.frames.codec import decode as decode_frames
 from gcs.mavlink.services.command_sender import CommandSender, command_long, set_mode
 from gcs.model import Effect, NoticeCode, OrderAnswer, Send, Snapshot
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import load
 

@@ -4,7 +4,8 @@ The rules of `gcs.core.state` that its source code shows:
 
 * A class has at most seven collaborators. A collaborator is a parameter of its constructor, or a field of its
   dataclass, that is a callable or an object of ours. Records of the state and values do not count: they are
-  data (`gcs.core.state`, modules `records`, `gcs.model`, `gcs.config`, `gcs.geo`, `gcs.endpoints`).
+  data (`gcs.core.state`, the modules of state in each
+  package (`STATE`), `gcs.model`, `gcs.config`, `gcs.geo`, `gcs.endpoints`).
 * Only the modules of a package write its records. Others read them, or call a method of the record.
 * Only records change: no other class has an attribute that is assigned, or a container that is changed, after
   its construction.
@@ -13,6 +14,7 @@ The rules of `gcs.core.state` that its source code shows:
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -26,6 +28,8 @@ MODULES = {
 }
 MAX_COLLABORATORS = 7
 VALUES = ("gcs.model", "gcs.config", "gcs.geo", "gcs.endpoints", "gcs.core.state")
+STATE = re.compile(r"(gcs\.[\w.]+)\.(?:records|lease_messages|\w+_state)")
+"""Modules of the records of a package: `gcs.core.state`, `gcs.core.tasking.tasking_state`."""
 MUTATORS = frozenset(
     {"add", "append", "clear", "discard", "extend", "insert", "pop", "remove", "setdefault", "update"}
 )
@@ -66,7 +70,9 @@ def is_dataclass(kind: ast.ClassDef) -> bool:
 
 
 def is_value(module: str) -> bool:
-    return module.endswith(".records") or any(module == one or module.startswith(f"{one}.") for one in VALUES)
+    return STATE.fullmatch(module) is not None or any(
+        module == one or module.startswith(f"{one}.") for one in VALUES
+    )
 
 
 def collaborators(kind: ast.ClassDef, module: str, tree: ast.Module) -> list[str]:
@@ -100,12 +106,18 @@ def test_no_class_has_more_than_seven_collaborators() -> None:
 # ---------------------------------------------------------------- writers of records
 
 
+def package_of(module: str) -> str:
+    """Return the package of a module of state; the module itself if it has none."""
+    match = STATE.fullmatch(module)
+    return module if match is None else match[1]
+
+
 def owners() -> dict[str, str]:
     """Return the package that owns each field of `Agent` and `State`."""
     tree = MODULES["gcs.core.state"]
     modules = imports_of(tree)
     return {
-        node.target.id: modules[node.annotation.id].removesuffix(".records")
+        node.target.id: package_of(modules[node.annotation.id])
         for kind in classes_of(tree)
         for node in kind.body
         if isinstance(node, ast.AnnAssign)
@@ -124,9 +136,7 @@ class Writes:
     def __init__(self, module: str, tree: ast.Module) -> None:
         self.module = module
         self.records = {
-            name: origin.removesuffix(".records")
-            for name, origin in imports_of(tree).items()
-            if origin.endswith(".records")
+            name: package_of(origin) for name, origin in imports_of(tree).items() if STATE.fullmatch(origin)
         }
         self.found: list[str] = []
         for node in tree.body:
@@ -232,7 +242,7 @@ def test_only_its_own_package_writes_a_record() -> None:
     ],
 )
 def test_a_write_from_elsewhere_is_found(line: str) -> None:
-    text = "from gcs.core.tasking.records import AgentTasking, TaskingState\n"
+    text = "from gcs.core.tasking.tasking_state import AgentTasking, TaskingState\n"
     text += "class A:\n    def __init__(self, state: TaskingState): self._state = state\n"
     text += f"    def f(self, one: AgentTasking): {line}\n"
     assert len(Writes("gcs.core.replanning.a", ast.parse(text)).found) == 1

@@ -16,7 +16,7 @@ from helpers.recorded_state import CACHES, events_of
 from gcs.core.engine import Engine
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.errors import WireError
-from gcs.io.records import encode
+from gcs.io.record_json import encode
 
 RECORDINGS = sorted((Path(__file__).parents[1] / "recordings").glob("*.mcap"))
 MAX_DEPTH = 12

@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.core.engine import Engine
 from gcs.core.snapshot import decode_state, encode_state
-from gcs.core.tasking.records import OnboardMission
+from gcs.core.tasking.tasking_state import OnboardMission
 from gcs.errors import WireError
 from gcs.mavlink.mission.items import Item
 from gcs.model import NS_PER_S, Event, Resumed, Route, Tick, read_only

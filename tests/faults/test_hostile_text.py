@@ -18,8 +18,8 @@ from gcs.cli.live_view import LiveView, PlainLines
 from gcs.config import load, parse
 from gcs.core.engine import Engine
 from gcs.errors import ConfigError, GcsError, LinkError, WireError
-from gcs.io.console import Printable, console_for
-from gcs.io.records import decode, encode
+from gcs.io.record_json import decode, encode
+from gcs.io.terminal import Printable, console_for
 from gcs.io.zenoh.order_messages import decode_order
 from gcs.io.zenoh.scans import decode_scan
 from gcs.mavlink.fleet.statustext import TextChunks
@@ -123,7 +123,7 @@ def test_a_report_escapes_html_and_holds_no_control_characters(tmp_path: Path) -
 
 
 def test_a_terminal_without_unicode_gets_ascii_and_no_traceback() -> None:
-    code = "from gcs.io.console import console_for; console_for().print('1 → 2.3 – ☃')"
+    code = "from gcs.io.terminal import console_for; console_for().print('1 → 2.3 – ☃')"
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
     done = subprocess.run(
         [sys.executable, "-P", "-c", code], capture_output=True, env=environment, check=True

@@ -13,9 +13,9 @@ import pytest
 from helpers.noticed import noticed
 
 from gcs.config import Config, load
+from gcs.core.airspace.airspace_state import AirspaceState
 from gcs.core.airspace.incursion_warning import IncursionWarnings
 from gcs.core.airspace.no_fly_zones import ClosedZone
-from gcs.core.airspace.records import AirspaceState
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import LinkError, WireError
 from gcs.geo import LocalFrame
@@ -30,7 +30,7 @@ from gcs.io.zenoh.order_messages import OrderMessage, decode_order
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.model import NS_PER_S, BadInput, Notice, NoticeCode, Order, OrderAnswer, Tick
 from gcs.service.service import Service
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)

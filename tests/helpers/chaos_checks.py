@@ -19,8 +19,8 @@ from gcs.core.snapshot import decode_state
 from gcs.core.state import flown_routes
 from gcs.errors import RecordingError
 from gcs.io.cluster.event_log import decode_batch, digest, unpacked
+from gcs.io.record_json import decode as decode_record
 from gcs.io.recording.reader import Damage, Record, read, read_info
-from gcs.io.records import decode as decode_record
 from gcs.mavlink.frames.codec import decode
 from gcs.model import (
     NS_PER_S,

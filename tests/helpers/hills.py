@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from gcs.model import FloatArray
-from gcs.terrain.elevation import Elevation
-from gcs.terrain.elevation_model import ElevationModel, encode_model
+from gcs.terrain.elevation_grid import Elevation
+from gcs.terrain.elevation_text import ElevationModel, encode_model
 
 Ground = Callable[[FloatArray, FloatArray], FloatArray]
 """Height above mean sea level by east and north."""

@@ -20,17 +20,17 @@ from typing import Any, Literal, NamedTuple, get_args, get_origin
 import msgspec
 import numpy as np
 
-from gcs.console.view import schema
+from gcs.console.view import page_records
 from gcs.console.web.openapi import description
-from gcs.console.web.playback import PlaybackRequest
+from gcs.console.web.playback_control import PlaybackRequest
 from gcs.io.zenoh.key_expressions import KEYS
 from gcs.io.zenoh.order_messages import OrderMessage
 from gcs.io.zenoh.scans import PolarScanMessage, ScanMessage
 from gcs.model import Level, Notice, SwarmStatus
 
 RECEIVED: tuple[type, ...] = (ScanMessage, PolarScanMessage, OrderMessage)
-FEED = get_args(schema.FeedMessage)
-CONSOLE = {**vars(schema), "OrderMessage": OrderMessage, "PlaybackRequest": PlaybackRequest}
+FEED = get_args(page_records.FeedMessage)
+CONSOLE = {**vars(page_records), "OrderMessage": OrderMessage, "PlaybackRequest": PlaybackRequest}
 CONSOLE["SwarmStatus"] = SwarmStatus
 
 PAGE = """\
@@ -149,7 +149,7 @@ def fields(record: type) -> list[Field]:
         Field(shown, hints[name], known.get(name, ""), defaults[name])
         for name, shown in zip(names, sent, strict=True)
     ]
-    if record is Notice:  # `gcs.io.records.encode_shown`
+    if record is Notice:  # `gcs.io.record_json.encode_shown`
         found += [Field("level", Level, ""), Field("text", str, "Text with the subject before it.")]
     return found
 

@@ -11,7 +11,7 @@ from gcs.config.key_overrides import override_keys
 from gcs.mavlink.frames.codec import decode as decode_frames
 from gcs.model import Effect, Event, Order, OrderAnswer, Send
 from helpers.staging import S
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import Scenario, load, parse_scenario
 

@@ -15,12 +15,12 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-SCHEMA = "gcs.console.view.schema"
+SCHEMA = "gcs.console.view.page_records"
 ROOT = Path(__file__).resolve().parents[2]
 TARGET = ROOT / "gcs/console/page_types.d.ts"
 HEAD = """\
 // What the server sends to the page's modules. Only the type checker reads this file; it is not shipped.
-// Generated: change gcs/console/view/schema.py or gcs/model, then run
+// Generated: change gcs/console/view/page_records.py or gcs/model, then run
 //   python tests/helpers/page_types.py > gcs/console/page_types.d.ts
 // Positions are east and north in metres. A number that is not known is null.
 """

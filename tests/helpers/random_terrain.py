@@ -10,7 +10,7 @@ from gcs.model import FloatArray
 from gcs.planning.terrain.band import FlightBand, Vertical
 from gcs.planning.terrain.height_profile import sample_path
 from gcs.planning.terrain.route import TerrainRoute
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 SPACING_M = 10.0
 RADIUS_M = 25.0

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from gcs.io.record_json import encode
 from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import Damage, Record
 from gcs.io.recording.recorder import DiskBudget, Recorder
 from gcs.io.recording.topics import Recordable
-from gcs.io.records import encode
 from gcs.model import (
     NS_PER_S,
     AgentStatus,

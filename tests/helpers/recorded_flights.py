@@ -22,7 +22,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.autopilots.mission_protocol import RALLY, Item
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 

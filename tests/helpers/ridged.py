@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gcs.terrain.elevation import Elevation
-from gcs.terrain.elevation_model import ElevationModel, encode_model
+from gcs.terrain.elevation_grid import Elevation
+from gcs.terrain.elevation_text import ElevationModel, encode_model
 
 RIDGE_EAST_M = 1000.0
 RIDGE_M = 150.0

@@ -10,7 +10,7 @@ from helpers.staging import S
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.vehicle.vehicle import SimVehicle
 from sim_vehicles.world.scenario import parse_scenario
-from sim_vehicles.world.specs import vehicle_specs
+from sim_vehicles.world.vehicle_specs import vehicle_specs
 
 # The field of a flight with ArduPlane: it flew 45 m deep through the box ahead of the runway.
 FIELD = (

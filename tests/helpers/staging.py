@@ -10,11 +10,11 @@ import numpy as np
 from msgspec.structs import replace
 
 from gcs.config import Config, parse
+from gcs.core.airspace.airspace_state import AirspaceState
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import ObstacleMap, mission_map
-from gcs.core.airspace.records import AirspaceState
 from gcs.core.engine import Engine
-from gcs.core.perception.records import ConfirmationState
+from gcs.core.perception.perception_state import ConfirmationState
 from gcs.core.perception.track_lifecycle import TrackConfirmation
 from gcs.model import (
     NS_PER_S,

@@ -14,7 +14,7 @@ from gcs.model import Route, read_only
 from gcs.planning.flight_variants import flight_variants
 from gcs.planning.forward_simulation import HEADING_S, L1_S, Motion, simulate
 from gcs.planning.mission_flight import NOWHERE
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.autopilots.mission_protocol import Item
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from gcs.geo import wrap_pi
 from gcs.planning.forward_simulation import LoiterCircle, Motion, RemainingMission, predict_motion, simulate
 from gcs.planning.map.grid import free_grid
-from sim_vehicles.vehicle.airframe import TURN_TIME_S, Airframe
 from sim_vehicles.vehicle.guidance import Circle as Flown
 from sim_vehicles.vehicle.guidance import ToPoint
+from sim_vehicles.vehicle.paper_airframe import TURN_TIME_S, Airframe
 
 OPEN = free_grid((51, 51), 40.0)
 EAST = math.pi / 2.0

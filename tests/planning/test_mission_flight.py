@@ -13,7 +13,7 @@ from gcs.geo import LocalFrame
 from gcs.model import Route, read_only
 from gcs.planning.forward_simulation import Motion
 from gcs.planning.mission_flight import simulate_mission
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.autopilots.mission_protocol import Item
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 

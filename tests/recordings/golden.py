@@ -30,11 +30,11 @@ import msgspec
 
 from gcs.cli.analyse.whatif import Comparison
 from gcs.config import Config, parse
+from gcs.io.record_json import encode
 from gcs.io.recording.folder import Run, versions
 from gcs.io.recording.reader import Damage, Record, read, read_info
 from gcs.io.recording.recorder import Recorder
 from gcs.io.recording.topics import topic_of
-from gcs.io.records import encode
 from gcs.model import (
     NS_PER_S,
     AgentStatus,

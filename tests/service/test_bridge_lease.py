@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import pytest
 
-from gcs.core.lease.records import NO_STANDING, Answer, Ask, NodeId
+from gcs.core.lease.lease_messages import NO_STANDING, Answer, Ask, NodeId
 from gcs.io.cluster.bridge_messages import decode, encode
 from gcs.io.links.manager import Links
 from gcs.io.zenoh.session import ZenohSession

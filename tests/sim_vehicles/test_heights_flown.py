@@ -16,7 +16,7 @@ from helpers.ridged import RIDGE_EAST_M, VALLEY_MSL_M, ground, ridge
 
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.autopilots.mission_protocol import Item
 from sim_vehicles.vehicle.faults import FaultKind
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec

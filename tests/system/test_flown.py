@@ -34,14 +34,14 @@ def test_between_dense_obstacles_no_vehicle_is_blown_into_one():
 
 
 def test_vehicles_land_at_home_with_obstacles_between():
-    home = flown_home(landing(load("random-obstacles")), 3)
+    home = flown_home(landing(load("random-obstacles")), 3).flights
     assert len(home) == 4
     assert max(one.home_m for one in home.values()) < 100.0
     assert min(one.clearance_m for one in home.values()) > 20.0
     assert (
         min(
             one.clearance_m
-            for one in flown_home(landing(load("random-obstacles")), 3, straight=True).values()
+            for one in flown_home(landing(load("random-obstacles")), 3, straight=True).flights.values()
         )
         == 0.0
     )

@@ -9,7 +9,7 @@ from gcs.config import load
 from gcs.core.engine import Engine
 from gcs.endpoints import Link, parse_endpoint
 from gcs.io.links.manager import Links
-from gcs.io.records import encode
+from gcs.io.record_json import encode
 from gcs.io.signing.link_signing import LinkSigning
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.mavlink.frames.codec import Encoder

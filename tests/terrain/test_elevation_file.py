@@ -19,7 +19,7 @@ from helpers.ground_files import FRAME, NORTH_M, SIZE_M, UTM, WEST_M, slope, slo
 from gcs.geo import LocalFrame
 from gcs.terrain import elevation_file
 from gcs.terrain.elevation_file import read_elevation_model
-from gcs.terrain.elevation_model import decode_model
+from gcs.terrain.elevation_text import decode_model
 from gcs.terrain.problem import TerrainFileError
 
 WITH_GEOID = """
@@ -29,7 +29,7 @@ import pyproj.datadir
 pyproj.datadir.append_data_dir(sys.argv[1])
 from gcs.geo import LocalFrame
 from gcs.terrain.elevation_file import read_elevation_model
-from gcs.terrain.elevation_model import encode_model
+from gcs.terrain.elevation_text import encode_model
 frame = LocalFrame(46.8, 9.8, 1500.0)
 path = Path(sys.argv[1]) / "slope.tif"
 print(encode_model(read_elevation_model(path, frame, (1000.0, 800.0), "ellipsoid")))

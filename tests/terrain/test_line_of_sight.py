@@ -10,7 +10,7 @@ from helpers.ridged import ground, ridge
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 from gcs.terrain.line_of_sight import line_of_sight, visible_share
 
 PLACE = (500.0, 500.0)

@@ -11,7 +11,7 @@ from helpers.ground_files import FRAME, MISSION, slope_at, write_mission
 from gcs.cli.prepare.check import describe
 from gcs.config import load, parse, read_text
 from gcs.errors import ConfigError
-from gcs.io.console import console_for
+from gcs.io.terminal import console_for
 
 PLACE = np.array([[300.0, 200.0]])
 

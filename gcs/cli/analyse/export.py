@@ -9,7 +9,7 @@ import typer
 
 from gcs.cli.arguments import command_app
 from gcs.cli.errors import exit_on_error
-from gcs.io.console import console_for
+from gcs.io.terminal import console_for
 
 app = command_app()
 

@@ -18,7 +18,6 @@ from gcs.cli.analyse.info_recording import print_contents
 from gcs.cli.arguments import JsonOption, command_app
 from gcs.cli.errors import exit_on_error
 from gcs.errors import RecordingError
-from gcs.io.console import console_for
 from gcs.io.detections.table_files import ENDINGS
 from gcs.io.onboard_logs import log_kind, open_telemetry
 from gcs.io.recording.mcap_file import mcap_paths, recording_bytes
@@ -26,9 +25,10 @@ from gcs.io.recording.reader import Damage, is_recording, read, read_info
 from gcs.io.recording.timestamps import LogClock
 from gcs.io.recording.tlog import LogFrame, UnreadableBytes, read_log
 from gcs.io.recording.topics import topic_of
+from gcs.io.terminal import console_for
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, AgentStatus, Datagram, MissionEnded, Scan, Send
-from gcs.report.telemetry.traffic import Traffic, rate_hz
+from gcs.report.telemetry.message_statistics import Traffic, rate_hz
 
 app = command_app()
 

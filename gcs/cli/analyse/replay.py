@@ -22,7 +22,7 @@ from gcs.cli.arguments import (
     command_app,
 )
 from gcs.cli.errors import exit_on_error
-from gcs.io.console import console_for
+from gcs.io.terminal import console_for
 
 app = command_app()
 
@@ -82,7 +82,7 @@ def replay(
     """
     from gcs.cli.analyse.playback import ReplayOptions, parse_speed, run_replay
     from gcs.cli.analyse.run_file import RunFile
-    from gcs.cli.console_page import PageOptions
+    from gcs.cli.console_options import PageOptions
     from gcs.service.replay import Window
 
     with exit_on_error():

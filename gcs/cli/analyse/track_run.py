@@ -1,4 +1,4 @@
-"""`gcs track`: tracking of recorded detections, scores, output files and picture.
+"""Run of `gcs track`: estimators, output files and picture.
 
 `gcs.tracking.batch` tracks.
 """
@@ -23,7 +23,7 @@ from gcs.cli.analyse.track_scores import Scores, States, Tracked, score, score_r
 from gcs.cli.arguments import check_picture
 from gcs.cli.warm_up_progress import HISTORIES, TRACKING, load_kernels
 from gcs.errors import ConfigError, RecordingError
-from gcs.io.detections.readers import Detections, load
+from gcs.io.detections.track_input import Detections, load
 from gcs.io.parquet import write_parquet
 from gcs.io.recording.mcap_file import recording_bytes
 from gcs.model import FloatArray, IntArray, Label

@@ -8,7 +8,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from gcs.io.detections.readers import Detections
+from gcs.io.detections.track_input import Detections
 from gcs.model import FloatArray, Label
 from gcs.tracking.metrics import Tracks, cardinality_error, gospa, identity_switches, ospa, ospa2
 

@@ -17,7 +17,7 @@ from gcs.cli.arguments import (
     command_app,
 )
 from gcs.cli.errors import exit_on_error
-from gcs.io.console import console_for
+from gcs.io.terminal import console_for
 
 app = command_app()
 
@@ -43,7 +43,7 @@ def console(
 
     When the service ends, the pages say so; when it is back, they go on.
     """
-    from gcs.cli.console_page import PageOptions
+    from gcs.cli.console_options import PageOptions
     from gcs.cli.console_process import serve_console, serve_for_parent
 
     options = PageOptions(page, page_access, open_page, page_map)

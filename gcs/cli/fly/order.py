@@ -30,7 +30,7 @@ from gcs.cli.arguments import (
 )
 from gcs.cli.errors import print_error
 from gcs.errors import GcsError
-from gcs.io.console import console_for
+from gcs.io.terminal import console_for
 
 if TYPE_CHECKING:
     from gcs.io.zenoh.order_messages import AreaMessage, OrderMessage
@@ -417,7 +417,7 @@ def _print_result(action: str, order_id: str, outcome: _Outcome, printed: Propos
     result |= {"problem": outcome.problem, "answers": rows}
     shown = next((a.proposal for a in outcome.answers if a.proposal is not None), printed)
     if shown is not None:
-        from gcs.io.records import encode
+        from gcs.io.record_json import encode
 
         result["proposal"] = json.loads(encode(shown))
     print(json.dumps(result), flush=True)  # noqa: T201  the output of --json

@@ -9,7 +9,7 @@ import typer
 
 from gcs.cli.arguments import JsonOption, MissionOption, ZenohOption, ZenohTlsOption, command_app
 from gcs.cli.errors import exit_on_error
-from gcs.io.console import console_for
+from gcs.io.terminal import console_for
 
 if TYPE_CHECKING:
     from gcs.model import SwarmStatus
@@ -48,7 +48,7 @@ def status(
 
 def _print(found: SwarmStatus, mission: str, *, as_json: bool) -> None:
     from gcs.cli.status_tables import status_tables
-    from gcs.io.records import encode
+    from gcs.io.record_json import encode
 
     if as_json:
         print(encode(found).decode(), flush=True)  # noqa: T201  the output of --json

@@ -12,7 +12,7 @@ from rich.table import Table
 from gcs.cli.arguments import ConfigArgument, MapSeedOption, command_app
 from gcs.cli.errors import exit_on_error
 from gcs.cli.zenoh_security import zenoh_warnings
-from gcs.io.console import console_for
+from gcs.io.terminal import console_for
 
 if TYPE_CHECKING:
     from gcs.config import Config

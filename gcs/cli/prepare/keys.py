@@ -20,7 +20,7 @@ from gcs.cli.arguments import JsonOption, VehicleOption, command_app
 from gcs.cli.errors import exit_on_error
 from gcs.cli.prepare.node_certificates import make_ca, make_node_certificate
 from gcs.errors import ConfigError
-from gcs.io.console import console_for
+from gcs.io.terminal import console_for
 
 if TYPE_CHECKING:
     from gcs.io.signing.keystore import KeyFile

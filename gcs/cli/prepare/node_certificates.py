@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from gcs.cli.errors import exit_on_error
-from gcs.io.console import console_for
+from gcs.io.terminal import console_for
 
 _DAYS = "Validity in days, from now."
 

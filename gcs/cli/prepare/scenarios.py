@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.table import Table
 
 from gcs.cli.arguments import command_app
-from gcs.io.console import console_for
+from gcs.io.terminal import console_for
 
 app = command_app()
 

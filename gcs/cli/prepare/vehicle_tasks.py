@@ -11,7 +11,7 @@ from rich.table import Table
 
 from gcs.cli.arguments import confirm_or_abort, vehicles_text
 from gcs.cli.errors import exit_on_error
-from gcs.io.console import console_for
+from gcs.io.terminal import console_for
 
 if TYPE_CHECKING:
     from gcs.config import Config

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gcs.cli.arguments import command_app
 from gcs.cli.warm_up_progress import ALL, load_kernels
-from gcs.io.console import console_for
+from gcs.io.terminal import console_for
 
 app = command_app()
 

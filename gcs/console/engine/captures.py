@@ -11,7 +11,7 @@ import numpy as np
 
 from gcs.config import Config
 from gcs.console.view.capture import Capture
-from gcs.console.view.schema import (
+from gcs.console.view.page_records import (
     ElevationMap,
     FenceArea,
     MissionInfo,

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from gcs.console.engine.details import vehicle_detail
+from gcs.console.engine.vehicle_details import vehicle_detail
 from gcs.console.remote.messages import (
     NewsEncoder,
     decode_detail_request,

@@ -14,7 +14,7 @@ from msgspec import UNSET, Raw, UnsetType
 
 from gcs.console.view.capture import Capture, same_routes
 from gcs.console.view.news import News, NewsRequest
-from gcs.console.view.schema import MissionInfo, ObstacleMap, ServiceState, VehicleDetail, Work
+from gcs.console.view.page_records import MissionInfo, ObstacleMap, ServiceState, VehicleDetail, Work
 from gcs.errors import WireError
 from gcs.io.message_pack import decode, decoder, encoder
 from gcs.model import (

@@ -1,4 +1,4 @@
-"""A service in another process, for its console."""
+"""Run in another process, for its console: a service over zenoh."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gcs.console.remote.messages import DetailRequest, decode_detail, decode_new
 from gcs.console.source import Source, UnknownVehicleError
 from gcs.console.view.capture import Capture
 from gcs.console.view.news import News, NewsRequest
-from gcs.console.view.schema import VehicleDetail
+from gcs.console.view.page_records import VehicleDetail
 from gcs.errors import LinkError, NoAnswerError, WireError
 from gcs.io.event_loop import on_loop
 from gcs.io.zenoh.key_expressions import console_feed_key, console_vehicle_key, mission_of, order_key

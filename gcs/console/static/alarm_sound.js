@@ -1,4 +1,4 @@
-// Sound of alarms.
+// Sound of alarms: the beep and how often it comes.
 
 const BEEP_S = 0.14;
 const PERIOD_S = 0.22;

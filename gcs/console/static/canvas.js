@@ -1,8 +1,8 @@
-// What all drawings share.
+// Canvas: fitting it to its element and pixels, lines, fonts; shared by the map and all charts.
 
 /**
  * @import { Point, TrailPoint } from "../page_types.d.ts"
- * @import { View } from "./view.js"
+ * @import { View } from "./map_view.js"
  *
  * @typedef {[east: number, north: number, radius: number]} Disc
  *

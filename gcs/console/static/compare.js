@@ -3,10 +3,10 @@
 /**
  * @import { AgentRecord, Figures, MissionInfo, Point, ReplayState } from "../page_types.d.ts"
  * @import { Feed, FeedData, Names } from "./feed.js"
- * @import { Actions } from "./keys.js"
+ * @import { Actions } from "./keyboard.js"
  * @import { SwarmMap } from "./map.js"
- * @import { Marks } from "./marks.js"
- * @import { PlacedMark } from "./replay.js"
+ * @import { Marks } from "./run_marks.js"
+ * @import { PlacedMark } from "./replay_bar.js"
  * @import { Selection } from "./selection.js"
  *
  * @typedef {object} Parts what the page in a frame gives
@@ -27,8 +27,8 @@ import { showKeys } from "./dialogs.js";
 import { el, part, setText } from "./dom.js";
 import { duration, number } from "./format.js";
 import { toLocal } from "./geodesy.js";
-import { KEYS, listenToKeys } from "./keys.js";
-import { Replay } from "./replay.js";
+import { KEYS, listenToKeys } from "./keyboard.js";
+import { Replay } from "./replay_bar.js";
 import { Theme } from "./theme.js";
 
 /** @type {Figure[]} */

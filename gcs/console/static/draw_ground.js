@@ -1,9 +1,9 @@
-// What does not move: grid lines, obstacles, no-fly zones, fence, homes, rally points, fields of view.
+// Drawing of what stands: grid lines, obstacles, no-fly zones, fence, homes, rally points, fields of view.
 
 /**
  * @import { FieldOfView, MissionInfo, NoFlyZone, ObstacleMap, Polar } from "../page_types.d.ts"
  * @import { Colour, Context } from "./canvas.js"
- * @import { View } from "./view.js"
+ * @import { View } from "./map_view.js"
  */
 
 import { beginDisc, beginRing, strokeLine } from "./canvas.js";

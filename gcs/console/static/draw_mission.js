@@ -1,10 +1,10 @@
-// Onboard mission of the vehicle whose details are shown: items with their numbers, the current one filled.
+// Drawing of the onboard mission of the vehicle whose details are shown: numbered items, the current one filled.
 
 /**
  * @import { MissionDetail, Point } from "../page_types.d.ts"
  * @import { Colour, Context } from "./canvas.js"
- * @import { Labels } from "./labels.js"
- * @import { View } from "./view.js"
+ * @import { Labels } from "./map_labels.js"
+ * @import { View } from "./map_view.js"
  */
 
 import { addLine } from "./canvas.js";

@@ -1,11 +1,11 @@
-// What moves: trails, routes, vehicles, and the lines to the targets that they are pinned to.
+// Drawing of what moves: trails, routes, vehicles, and the lines to the targets that they are pinned to.
 
 /**
  * @import { AgentRecord, Point, Route, TargetRecord, Trail } from "../page_types.d.ts"
  * @import { Colour, Context } from "./canvas.js"
- * @import { Labels } from "./labels.js"
+ * @import { Labels } from "./map_labels.js"
  * @import { Selection } from "./selection.js"
- * @import { View } from "./view.js"
+ * @import { View } from "./map_view.js"
  *
  * @typedef {object} RouteStyle
  * @property {string} colour

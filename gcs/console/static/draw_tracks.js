@@ -1,10 +1,10 @@
-// Tracks: ellipses of agents, and targets.
+// Drawing of tracks: ellipses of agents, and targets.
 
 /**
  * @import { Covariance, TargetRecord, Tracks } from "../page_types.d.ts"
  * @import { Colour, Context } from "./canvas.js"
- * @import { Labels } from "./labels.js"
- * @import { View } from "./view.js"
+ * @import { Labels } from "./map_labels.js"
+ * @import { View } from "./map_view.js"
  *
  * @typedef {object} TargetStyle
  * @property {boolean} ellipses

@@ -1,4 +1,4 @@
-// Whether what is shown is fresh: a lost service must not look like a living one.
+// Freshness of the data: what the page says when updates stop, since a lost service must not look living.
 
 /** @import { Feed } from "./feed.js" */
 

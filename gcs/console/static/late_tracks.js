@@ -3,7 +3,7 @@
 /**
  * @import { LatePath } from "../page_types.d.ts"
  * @import { Colour, Context } from "./canvas.js"
- * @import { View } from "./view.js"
+ * @import { View } from "./map_view.js"
  */
 
 import { addLine, beginDisc } from "./canvas.js";

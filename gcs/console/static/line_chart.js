@@ -3,7 +3,7 @@
 /**
  * @import { Series } from "../page_types.d.ts"
  * @import { Context } from "./canvas.js"
- * @import { Shared } from "./chart.js"
+ * @import { Shared } from "./time_chart.js"
  *
  * @typedef {object} Line
  * @property {string} name
@@ -19,8 +19,8 @@
  */
 
 import { contextOf, strokeLine } from "./canvas.js";
-import { Chart, LEFT, TOP } from "./chart.js";
 import { el } from "./dom.js";
+import { Chart, LEFT, TOP } from "./time_chart.js";
 
 const HEIGHT = 92;
 const MAX_NAMED = 8;

@@ -1,4 +1,4 @@
-// Sends the token once; the server keeps it in a cookie that scripts cannot read.
+// Login page: sends the token once; the server keeps it in a cookie that scripts cannot read.
 
 const form = /** @type {HTMLFormElement} */ (document.querySelector("form"));
 const token = /** @type {HTMLInputElement} */ (document.querySelector("#token"));

@@ -1,34 +1,34 @@
-// The console: parts of the page, and what connects them.
+// Start of the console: the parts of the page, and what connects them.
 
 /**
  * @import { Comparison } from "./compare.js"
- * @import { Actions } from "./keys.js"
+ * @import { Actions } from "./keyboard.js"
  */
 
-import { Alarms } from "./alarms.js";
-import { Charts } from "./charts.js";
-import { Commands } from "./commands.js";
-import { Detail } from "./detail.js";
+import { Alarms } from "./alarms_panel.js";
+import { Charts } from "./charts_panel.js";
 import { showKeys } from "./dialogs.js";
 import { part } from "./dom.js";
+import { showLog } from "./event_log.js";
 import { Feed } from "./feed.js";
 import { Freshness, showOld } from "./freshness.js";
 import { showHeader } from "./header.js";
-import { KEYS, listenToKeys } from "./keys.js";
-import { showLog } from "./log.js";
+import { Profile } from "./height_profile.js";
+import { KEYS, listenToKeys } from "./keyboard.js";
 import { SwarmMap } from "./map.js";
-import { Marks } from "./marks.js";
-import { Orders } from "./orders.js";
+import { Orders } from "./order_sending.js";
 import { Panels } from "./panels.js";
-import { Plan } from "./plan.js";
-import { Profile } from "./profile.js";
-import { Replay } from "./replay.js";
+import { Plan } from "./proposed_plan.js";
+import { Replay } from "./replay_bar.js";
+import { Marks } from "./run_marks.js";
 import { Selection } from "./selection.js";
 import { TargetOrders } from "./target_orders.js";
-import { showTargets } from "./targets.js";
+import { showTargets } from "./targets_panel.js";
 import { Theme } from "./theme.js";
+import { Detail } from "./vehicle_details.js";
+import { Commands } from "./vehicle_orders.js";
 import { showVehicles } from "./vehicle_table.js";
-import { Zones } from "./zones.js";
+import { Zones } from "./zone_dialog.js";
 
 const parent = /** @type {Window & { comparison?: Comparison }} */ (window.parent);
 const { comparison } = parent; // of two recordings: each page is in a frame

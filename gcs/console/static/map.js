@@ -6,7 +6,7 @@
  * @import { Feed } from "./feed.js"
  * @import { Selection } from "./selection.js"
  * @import { Theme } from "./theme.js"
- * @import { View } from "./view.js"
+ * @import { View } from "./map_view.js"
  *
  * @typedef {object} Tool takes the pointer until it ends
  * @property {string} hint
@@ -25,8 +25,8 @@ import { drawScaleBar } from "./draw_ground.js";
 import { MapLayers } from "./map_layers.js";
 import { MapMotion } from "./map_motion.js";
 import { MapPicture } from "./map_picture.js";
-import { Measure } from "./measure.js";
-import { Pointer } from "./pointer.js";
+import { Pointer } from "./map_pointer.js";
+import { Measure } from "./measure_tool.js";
 
 const FADE_STEP_MS = 250;
 const ABOUT = "Map of vehicles, targets and routes; the tables have the same data";

@@ -1,4 +1,4 @@
-// Motion of the map: what moves its view, and whether it follows the vehicles.
+// Motion of the map: what moves or zooms its view, and whether it follows the vehicles.
 
 /**
  * @import { Point } from "../page_types.d.ts"
@@ -7,7 +7,7 @@
  */
 
 import { centroid } from "./geometry.js";
-import { View } from "./view.js";
+import { View } from "./map_view.js";
 
 const SWARM_MARGIN_PX = 60;
 const AREA_MARGIN_PX = 24;

@@ -1,4 +1,4 @@
-// Picture of the map: what is drawn in which order.
+// Picture of the map: which drawings are in it, and in which order.
 
 /**
  * @import { MissionDetail, MissionInfo } from "../page_types.d.ts"
@@ -7,20 +7,20 @@
  * @import { LayerName } from "./map_layers.js"
  * @import { Selection } from "./selection.js"
  * @import { Theme } from "./theme.js"
- * @import { View } from "./view.js"
+ * @import { View } from "./map_view.js"
  */
 
 import { FAMILY } from "./canvas.js";
-import { Detections } from "./detections.js";
+import { Detections } from "./draw_detections.js";
 import * as ground from "./draw_ground.js";
 import { drawOnboardMission } from "./draw_mission.js";
 import * as swarm from "./draw_swarm.js";
 import { drawAgentTracks, drawTargets } from "./draw_tracks.js";
 import { targetName } from "./format.js";
-import { Labels } from "./labels.js";
+import { TerrainPicture } from "./ground_picture.js";
 import { LateTracks } from "./late_tracks.js";
-import { TerrainPicture } from "./terrain.js";
-import { Tiles } from "./tiles.js";
+import { Labels } from "./map_labels.js";
+import { Tiles } from "./map_tiles.js";
 import { Trails } from "./trails.js";
 
 const FONT = `12px ${FAMILY}`;

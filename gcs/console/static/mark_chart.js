@@ -3,14 +3,14 @@
 /**
  * @import { Mark, MarkKind } from "../page_types.d.ts"
  * @import { Context } from "./canvas.js"
- * @import { Shared } from "./chart.js"
- * @import { Shape } from "./marks.js"
+ * @import { Shared } from "./time_chart.js"
+ * @import { Shape } from "./run_marks.js"
  */
 
 import { contextOf } from "./canvas.js";
-import { Chart, TOP } from "./chart.js";
 import { el } from "./dom.js";
-import { drawMark, MARK_STYLES, markText, nearestMark } from "./marks.js";
+import { drawMark, MARK_STYLES, markText, nearestMark } from "./run_marks.js";
+import { Chart, TOP } from "./time_chart.js";
 
 const ROW_PX = 16;
 const SIZE_PX = 4;

@@ -1,4 +1,4 @@
-// Panels below the vehicles: one at a time, so that none covers another.
+// Panels below the vehicles: which one is open. One at a time, so that none covers another.
 
 import { el, part, setText } from "./dom.js";
 

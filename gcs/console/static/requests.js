@@ -1,4 +1,4 @@
-// Requests with a content.
+// Requests to the server with JSON as content, and their errors.
 
 /** @import { ErrorReply } from "../page_types.d.ts" */
 

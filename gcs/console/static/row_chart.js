@@ -3,13 +3,13 @@
 /**
  * @import { Series } from "../page_types.d.ts"
  * @import { Context } from "./canvas.js"
- * @import { Shared } from "./chart.js"
+ * @import { Shared } from "./time_chart.js"
  *
  * @typedef {{ name: string, values: Series, colour: string }} Row
  */
 
-import { Chart, LEFT, TOP } from "./chart.js";
 import { el } from "./dom.js";
+import { Chart, LEFT, TOP } from "./time_chart.js";
 
 const ROW_PX = 12;
 const LOW_ROW_PX = 6; // with many rows; then only some have their names beside them

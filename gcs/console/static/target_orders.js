@@ -1,9 +1,9 @@
 // Orders about the selected target: ignore or attend, priority, pin and unpin vehicles.
 
 /**
- * @import { Commands } from "./commands.js"
+ * @import { Commands } from "./vehicle_orders.js"
  * @import { Feed } from "./feed.js"
- * @import { Orders } from "./orders.js"
+ * @import { Orders } from "./order_sending.js"
  * @import { Selection } from "./selection.js"
  */
 

@@ -3,7 +3,7 @@
 /**
  * @import { LimitReference, Point, VerticalLimits } from "../page_types.d.ts"
  * @import { Disc } from "./canvas.js"
- * @import { Shape } from "./zone_tools.js"
+ * @import { Shape } from "./zone_draw_tools.js"
  *
  * @typedef {object} Texts what was typed
  * @property {string} name

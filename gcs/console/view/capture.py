@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gcs.console.view.schema import ObstacleMap, ServiceState
+from gcs.console.view.page_records import ObstacleMap, ServiceState
 from gcs.model import IntArray, NoFlyZone, Proposal, Route, SwarmStatus
 
 

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Final
 
-from gcs.console.view.schema import LatePath
+from gcs.console.view.page_records import LatePath
 from gcs.model import Kind, LaggedPicture, track_name
 
 _MAX_TRACKS: Final = 200

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import msgspec
 
 from gcs.console.view.capture import Capture
-from gcs.console.view.schema import MissionInfo, Work
+from gcs.console.view.page_records import MissionInfo, Work
 from gcs.model import Effect, LaggedPicture, Order, Picture, Scan, VehicleState
 
 

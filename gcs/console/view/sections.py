@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from gcs.console.view.schema import FieldOfView, Tracks
+from gcs.console.view.page_records import FieldOfView, Tracks
 from gcs.model import Picture, Scan, track_name
 
 MAX_DETECTIONS: Final = 20_000

@@ -27,7 +27,7 @@ _HEAD: Final = """<!doctype html>
     <link rel="icon" href="/icon.svg" type="image/svg+xml">
     <link rel="stylesheet" href="/base.css">
     <link rel="stylesheet" href="/guide.css">
-    <script type="module" src="/guide.js"></script>
+    <script type="module" src="/guide_theme.js"></script>
   </head>
   <body class="guide">
     <main>

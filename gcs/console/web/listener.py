@@ -20,7 +20,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
-from gcs.console.web.access import DEFAULT_PORT, Access
+from gcs.console.web.console_access import DEFAULT_PORT, Access
 from gcs.errors import ConsoleError
 
 MAX_CONNECTIONS: Final = 256

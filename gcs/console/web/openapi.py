@@ -7,7 +7,7 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
-from gcs.console.view.schema import (
+from gcs.console.view.page_records import (
     ChartsReply,
     ErrorReply,
     FeedMessage,
@@ -17,7 +17,7 @@ from gcs.console.view.schema import (
     PreflightReply,
     VehicleDetail,
 )
-from gcs.console.web.playback import PlaybackRequest
+from gcs.console.web.playback_control import PlaybackRequest
 from gcs.io.zenoh.order_messages import OrderMessage
 from gcs.model import SwarmStatus
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Final
 
 from gcs.console.view.capture import Capture
-from gcs.console.view.schema import ServiceState
+from gcs.console.view.page_records import ServiceState
 from gcs.model import AgentRecord, vehicle_name
 
 _AGENT_GAUGES: Final[tuple[tuple[str, str, Callable[[AgentRecord], float | None]], ...]] = (

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import quote
 
-from gcs.console.view.schema import TilesInfo
+from gcs.console.view.page_records import TilesInfo
 from gcs.errors import ConsoleError
 
 _MEDIA_TYPES: Final = {"png": "image/png", "jpg": "image/jpeg", "jpeg": "image/jpeg", "webp": "image/webp"}

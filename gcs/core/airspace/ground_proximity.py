@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Final
 
 from gcs.config import Config
-from gcs.core.airspace.records import AirspaceState
+from gcs.core.airspace.airspace_state import AirspaceState
 from gcs.core.separation.ground_ahead import GroundAhead
 from gcs.core.separation.intents import Intents
 from gcs.core.state import State

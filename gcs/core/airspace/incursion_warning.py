@@ -1,4 +1,4 @@
-"""Warnings of incursions: onboard missions that lead into a no-fly zone.
+"""Warnings of incursions: how soon a flight or an onboard mission leads into a closed no-fly zone.
 
 After a zone is closed, a vehicle flies its verified mission until a new one is on board. If there is no other
 route, or it is not confirmed or not uploaded, that leads into the zone. The operator is warned when the zone
@@ -16,8 +16,8 @@ from typing import Final
 
 import numpy as np
 
+from gcs.core.airspace.airspace_state import AirspaceState
 from gcs.core.airspace.no_fly_zones import ClosedZone
-from gcs.core.airspace.records import AirspaceState
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.mavlink.services.retry import ns
 from gcs.model import UNLIMITED, Notice, NoticeCode, Parameter, VehicleState

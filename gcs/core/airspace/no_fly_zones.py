@@ -13,8 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from gcs.core.airspace.airspace_state import AirspaceState
 from gcs.core.airspace.obstacle_map import LowFlight, ObstacleMap, closed_area
-from gcs.core.airspace.records import AirspaceState
 from gcs.model import BoolArray, FloatArray, NoFlyZone, VerticalLimits
 from gcs.planning.map.grid import Grid, Point, free_grid_like
 from gcs.planning.map.limited_area import LimitedArea, blocked_by

@@ -22,7 +22,7 @@ from gcs.model import (
 )
 from gcs.planning.map.grid import Grid, Point, Polygon, free_grid, free_grid_like, random_obstacles
 from gcs.planning.map.limited_area import LimitedArea, blocked_by
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 _PURPOSE = 0x6D6170
 """Separates the map's random numbers from others with the same seed."""

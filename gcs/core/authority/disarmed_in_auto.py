@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from gcs.core.authority.records import AuthorityState
+from gcs.core.authority.authority_state import AuthorityState
 from gcs.core.state import Agent
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO, LOITER

@@ -7,7 +7,7 @@ overlap, our read-back decides. An upload that breaks off raises an alarm: ArduP
 its mission may be inconsistent.
 
 From a command to another mode on, nothing that steers is sent until a heartbeat shows the mode
-(`gcs.core.authority.foreign_modes`). Other commands are reported at intervals. Commands that may end a
+(`gcs.core.authority.mode_commands`). Other commands are reported at intervals. Commands that may end a
 flight, and manual control, raise an alarm.
 """
 
@@ -18,8 +18,8 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.core.authority.foreign_modes import chooses_mode
-from gcs.core.authority.records import AuthorityState, ExternalUpload
+from gcs.core.authority.authority_state import AuthorityState, ExternalUpload
+from gcs.core.authority.mode_commands import chooses_mode
 from gcs.core.state import Agent
 from gcs.endpoints import Link
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
@@ -187,7 +187,9 @@ class ExternalUploads:
         reports_t_ns[key] = t_ns
         station = f"system {frame.system_id}/{frame.component_id} at {datagram.peer}"
         danger = _danger(frame, number)
-        kind = "danger" if danger else "arms" if number == _ARM_DISARM else "commands"
+        kind = "arms" if number == _ARM_DISARM else "commands"
+        if danger:
+            kind = "danger"
         code = _REPORTS[kind, vehicle is None]
         effects.append(Notice(t_ns, code, vehicle, {"message": name, "station": station, "danger": danger}))
 

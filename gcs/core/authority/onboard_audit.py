@@ -20,9 +20,9 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.core.authority.records import Audit, StoredMission
+from gcs.core.authority.authority_state import Audit, StoredMission
 from gcs.core.state import Agent
-from gcs.core.tasking.records import OnboardMission
+from gcs.core.tasking.tasking_state import OnboardMission
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Message

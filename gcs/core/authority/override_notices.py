@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Final
 
+from gcs.core.authority.authority_state import AuthorityState
 from gcs.core.authority.overrides import Overrides
-from gcs.core.authority.records import AuthorityState
 from gcs.core.flight.failsafes import Failsafes
 from gcs.core.operator.vehicle_orders import Orders
 from gcs.core.state import Agent

@@ -1,4 +1,4 @@
-"""Control authority over all vehicles: which of them a pilot, a failsafe or another station has overridden.
+"""Overrides: which vehicles a pilot, a failsafe or another station has put into another mode.
 
 `gcs.mavlink.fleet.mode_authority` classifies the mode changes of one vehicle. MISSION_CURRENT explains some
 of them afterwards: a PX4 in Hold rejects its mission, an ArduPlane in RTL has completed its mission.
@@ -17,14 +17,10 @@ from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.autopilots.modes import LOITER, RTL
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import Message
-from gcs.model import NS_PER_S, Authority
+from gcs.model import Authority
 
 _NO_ITEMS: Final = 0xFFFF
 """MISSION_CURRENT.total of a PX4 without a mission."""
-_BOOT_NS: Final = 10 * NS_PER_S
-"""A mode seen this soon after a boot is the one that the vehicle started in."""
-_COMPLETION_NS: Final = 3 * NS_PER_S
-"""After a change to RTL, MISSION_CURRENT (1 Hz) shows within this time whether the mission is complete."""
 
 
 class Overrides:
@@ -87,21 +83,14 @@ class Overrides:
             profile.ends_in == RTL
             and current.mission_state == dialect.MISSION_STATE_COMPLETE
             and (is_whole or is_changing)
-            and vehicle in self.recently_in_rtl(t_ns)
+            and self.of(vehicle).awaits_completion(t_ns)
         ):
             self.of(vehicle).note_completion(t_ns)
 
     def recently_in_rtl(self, t_ns: int) -> set[int]:
         """Return the vehicles that went from AUTO to RTL a moment ago; the reason is not known yet."""
-        authorities = {vehicle: self.of(vehicle) for vehicle in self._agents}
-        return {
-            vehicle
-            for vehicle, authority in authorities.items()
-            if authority.may_have_ended and t_ns - authority.override_t_ns < _COMPLETION_NS
-        }
+        return {vehicle for vehicle in self._agents if self.of(vehicle).awaits_completion(t_ns)}
 
     def note_mission_lost(self, vehicle: int, booted_t_ns: int, t_ns: int) -> None:
         """Note that a vehicle lost its mission at a boot: a LOITER that it started in is no override."""
-        authority = self.of(vehicle)
-        if -NS_PER_S < authority.override_t_ns - booted_t_ns < _BOOT_NS:
-            authority.note_rejection(t_ns)
+        self.of(vehicle).note_mission_lost(booted_t_ns, t_ns)

@@ -18,7 +18,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
-from gcs.core.authority.records import ParameterRecord, ParameterSet
+from gcs.core.authority.authority_state import ParameterRecord, ParameterSet
 from gcs.core.preflight.vehicle_checks import envelope_of
 from gcs.core.state import Agent
 from gcs.endpoints import Link

@@ -1,4 +1,4 @@
-"""Health of vehicles in flight: what begins, with its cause, and what ends.
+"""Health of vehicles in flight: when GPS, battery, propulsion and others count as bad, and as good again.
 
 Sources (https://mavlink.io/en/messages/common.html): GPS_RAW_INT.fix_type, SYS_STATUS sensor bits, the flags
 of EKF_STATUS_REPORT (ArduPilot) or ESTIMATOR_STATUS (PX4), VFR_HUD.throttle with the vertical speed,
@@ -18,7 +18,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
-from gcs.core.flight.records import AgentFlight, FlightState, HealthProblem
+from gcs.core.flight.flight_state import AgentFlight, FlightState, HealthProblem
 from gcs.core.state import Agent
 from gcs.mavlink.fleet.checks.battery_alarm import CRITICAL_PERCENT
 from gcs.mavlink.fleet.fleet import Fleet

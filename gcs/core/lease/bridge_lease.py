@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from gcs.core.lease.records import (
+from gcs.core.lease.lease_messages import (
     NO_STANDING,
     TIMES,
     Answer,

@@ -18,7 +18,7 @@ from gcs.mavlink.fleet.vehicle import Health
 from gcs.model import NS_PER_S, AgentRecord, Label, SwarmStatus, TargetRecord, Track, VehicleState
 from gcs.model.rounding import rounded, rounded_place
 from gcs.planning.route_progress import remaining_length_m
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 _MIN_SPEED_M_S = 1.0
 

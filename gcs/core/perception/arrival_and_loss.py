@@ -1,4 +1,4 @@
-"""Arrival and loss: the status of an agent (active, arrived, lost), from tracks and position reports.
+"""Arrival and loss: when an agent counts as arrived, as lost, and as active again.
 
 The fourth status, down, comes from the vehicle's own telemetry (`gcs.core.flight.phases`).
 
@@ -18,7 +18,7 @@ import math
 from collections.abc import Mapping
 
 from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.core.perception.records import AgentSighting
+from gcs.core.perception.perception_state import AgentSighting
 from gcs.core.perception.track_lifecycle import TrackConfirmation
 from gcs.core.state import Agent
 from gcs.model import NS_PER_S, AgentStatus, Track

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from gcs.core.perception.records import PerceptionState
+from gcs.core.perception.perception_state import PerceptionState
 from gcs.core.state import Agent
 from gcs.model import NS_PER_S, Effect, Notice, NoticeCode
 

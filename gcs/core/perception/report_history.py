@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from gcs.core.perception.records import PerceptionState, PositionReport
+from gcs.core.perception.perception_state import PerceptionState, PositionReport
 from gcs.core.state import Agent
 from gcs.model import NS_PER_S, VehicleState
 

@@ -1,4 +1,4 @@
-"""Confirmation and loss of tracks, with hysteresis against clutter and missed detections.
+"""Confirmation of tracks after some scans, and their loss, with hysteresis against clutter and misses.
 
 A track is confirmed after `CONFIRMATION_EPOCHS` consecutive epochs in the estimate. It is dropped when its
 existence probability falls below `lost_existence`, or after as many epochs out of the estimate: then another
@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from gcs.core.perception.records import ConfirmationState
+from gcs.core.perception.perception_state import ConfirmationState
 from gcs.model import Label, Picture, Sensor, Track
 from gcs.tracking.models.sensor_geometry import covers
 

@@ -1,9 +1,9 @@
-"""Alarms about detections that persist without a track."""
+"""Alarms about detections that persist without a track: an object where no birth is expected."""
 
 from __future__ import annotations
 
 from gcs.config import Config
-from gcs.core.perception.records import UntrackedState
+from gcs.core.perception.perception_state import UntrackedState
 from gcs.model import NS_PER_S, FloatArray, Notice, NoticeCode, Parameter, Sensor
 
 _REPEAT_NS = 10 * NS_PER_S

@@ -8,9 +8,8 @@ from gcs.core.authority.override_notices import unattended_targets
 from gcs.core.pipelines import planning
 from gcs.core.pipelines.changes import follow_status
 from gcs.core.stages import Stages
-from gcs.core.state import without_missions
 from gcs.core.tasking.missed_targets import check_missed_targets
-from gcs.model import BadInput, Effect, Scan, Tick, VehicleState
+from gcs.model import BadInput, Effect, Scan, VehicleState
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +119,7 @@ def report_missed_targets(stages: Stages, epoch: Epoch) -> list[Effect]:
 
 def refresh_proposal(stages: Stages, epoch: Epoch) -> list[Effect]:
     """Renew or withdraw the plan that waits to be confirmed."""
-    return stages.approval.refresh(epoch.t_ns, without_missions(stages.state.agents))
+    return stages.approval.refresh_ours(epoch.t_ns)
 
 
 def plan(stages: Stages, epoch: Epoch) -> list[Effect]:
@@ -143,27 +142,3 @@ def end_mission(stages: Stages, epoch: Epoch) -> list[Effect]:
 def report_sensor_model(stages: Stages, epoch: Epoch) -> list[Effect]:
     """Tell of sensors that contradict their model, and of detections that no track takes."""
     return [*stages.trackers.notices(epoch.scan)]
-
-
-# ------------------------------------------------------------ reports alone
-
-
-def track_by_reports(stages: Stages, event: Tick) -> list[Effect]:
-    """Track agents by their reports alone while no sensor publishes.
-
-    The epoch is as old as scans are when they arrive: the first one that comes again is not refused.
-    """
-    if not stages.sensor_watchdog.is_blind or stages.oosm_buffer.held:
-        return []
-    measured_t_ns = event.t_ns - stages.scan_timing.max_lag_ns()
-    if not stages.trackers.is_report_epoch_due(measured_t_ns):
-        return []
-    newest = stages.fleet.states()
-    stages.report_history.add(event.t_ns, newest)
-    states = stages.report_history.at(measured_t_ns, newest)
-    pictures = stages.trackers.report_epoch(event.t_ns, measured_t_ns, states)
-    if pictures:
-        stages.association.update(stages.trackers.agents.confirmation, measured_t_ns, states)
-        stages.kinematics.update(newest)
-        return [*pictures, *stages.trackers.agents.lagged(event.t_ns)]
-    return []

@@ -69,6 +69,27 @@ def keep_reports(stages: Stages, event: Tick) -> list[Effect]:
     return []
 
 
+def track_by_reports(stages: Stages, event: Tick) -> list[Effect]:
+    """Track agents by their reports alone while no sensor publishes.
+
+    The epoch is as old as scans are when they arrive: the first one that comes again is not refused.
+    """
+    if not stages.sensor_watchdog.is_blind or stages.oosm_buffer.held:
+        return []
+    measured_t_ns = event.t_ns - stages.scan_timing.max_lag_ns()
+    if not stages.trackers.is_report_epoch_due(measured_t_ns):
+        return []
+    newest = stages.fleet.states()
+    stages.report_history.add(event.t_ns, newest)
+    states = stages.report_history.at(measured_t_ns, newest)
+    pictures = stages.trackers.report_epoch(event.t_ns, measured_t_ns, states)
+    if pictures:
+        stages.association.update(stages.trackers.agents.confirmation, measured_t_ns, states)
+        stages.kinematics.update(newest)
+        return [*pictures, *stages.trackers.agents.lagged(event.t_ns)]
+    return []
+
+
 def upload_missions(stages: Stages, event: Tick) -> list[Effect]:
     """Begin uploads, and go on with those in progress."""
     effects = stages.dispatch.withdraw(event.t_ns)

@@ -1,4 +1,4 @@
-"""Pre-flight checks of a mission: map, routes, fence and sensors."""
+"""Preflight checks of a mission: map, routes, fence, altitude layers and sensors."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from operator import attrgetter
 
 from gcs.config import Config
+from gcs.core.airspace.airspace_state import AirspaceState
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import ObstacleMap, mission_map
-from gcs.core.airspace.records import AirspaceState
 from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.result import Check
 from gcs.core.replanning.mission_inputs import mission_inputs
@@ -23,7 +23,8 @@ from gcs.model import NS_PER_S, Parameter, Scan, vehicle_name
 from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.manoeuvres.takeoff_obstruction import Obstruction
 from gcs.planning.map.grid import Point
-from gcs.planning.planner import PlanResult, plan_mission
+from gcs.planning.plan_result import PlanResult
+from gcs.planning.planner import plan_mission
 from gcs.planning.planner_inputs import MissionInputs
 
 _MAX_CLOCK_ERROR_S = 1.0

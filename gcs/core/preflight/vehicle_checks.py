@@ -1,4 +1,4 @@
-"""Pre-flight checks of one vehicle, from its answers to `gcs.mavlink.services.preflight_query`."""
+"""Preflight checks of one vehicle: link, fix, home, mode, battery, clock, parameters, fence, return."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from gcs.mavlink.mission.geofence_rally import (
 )
 from gcs.mavlink.services.preflight_query import PreflightQuery
 from gcs.model import NS_PER_S, FloatArray, Parameter
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 _RETURN_SAMPLES: Final = 200
 """Places on the straight line to home at which the ground is read."""

@@ -11,7 +11,7 @@ import numpy as np
 from gcs.config import Config
 from gcs.core.separation.forward_flight import STEP_S, Flight, simulate_flights
 from gcs.model import FloatArray
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 _RING: Final = 24
 _RING_RADII: Final = (0.5, 1.0)

@@ -16,7 +16,7 @@ from typing import Final
 from gcs.core.separation.order_check import OrderCheck
 from gcs.core.separation.records import SeparationState
 from gcs.core.state import Agent
-from gcs.core.tasking.records import TaskingState
+from gcs.core.tasking.tasking_state import TaskingState
 from gcs.mavlink.services.retry import ns
 from gcs.model import Effect, Notice, NoticeCode, Route
 

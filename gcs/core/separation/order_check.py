@@ -24,6 +24,7 @@ from gcs.core.separation.ground_ahead import GroundAhead
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import encounters
 from gcs.core.separation.minima import PREDICTED_SHARE, layer_step_m, min_distance_m
+from gcs.core.separation.predicted_flights import PredictedFlights
 from gcs.core.separation.zones_ahead import ZonesAhead
 from gcs.core.tasking.mission_builder import route_heights_msl_m
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
@@ -82,7 +83,11 @@ class OrderCheck:
         self._ground = GroundAhead(config)
         self._zones = ZonesAhead(zones, config.planning.clearance_m)
 
-    def problem(self, vehicle: int, modes: Mapping[int, str], t_ns: int) -> str:
+    def predict(self, t_ns: int) -> PredictedFlights:
+        """Return what all vehicles in the air fly, for the checks of one time."""
+        return PredictedFlights(self.intents, t_ns)
+
+    def problem(self, vehicle: int, modes: Mapping[int, str], flights: PredictedFlights) -> str:
         """Return which vehicle, or ground, an order would bring a vehicle near to; else empty.
 
         Empty also if it is no nearer to a vehicle than now.
@@ -93,18 +98,17 @@ class OrderCheck:
             Vehicle of the order.
         modes : mapping of int to str
             Modes that are ordered now, by vehicle; that of the vehicle is among them.
+        flights : PredictedFlights
+            What all vehicles fly now.
         """
-        states = {state.system_id: state for state in self.intents.flying(t_ns)}
-        if vehicle not in states:
+        if vehicle not in flights.states:
             return ""
-        others = [
-            self.intents.flight(state, t_ns, modes.get(v)) for v, state in states.items() if v != vehicle
-        ]
-        ordered = self.intents.flight(states[vehicle], t_ns, modes[vehicle])
-        present = self.intents.flight(states[vehicle], t_ns)
-        is_return = modes[vehicle] == RTL, states[vehicle].mode == RTL
+        ordered = flights.of(vehicle, modes[vehicle])
+        is_return = modes[vehicle] == RTL, flights.states[vehicle].mode == RTL
         near_ground = "" if modes[vehicle] == AUTO else self._ground_problem(ordered)
-        return near_ground or self._worse(ordered, present, others, is_return)
+        return near_ground or self._worse(
+            ordered, flights.of(vehicle), flights.others(vehicle, modes), is_return
+        )
 
     def release_problem(self, vehicle: int, t_ns: int) -> str:
         """Return what one that holds would come near to if it flew on: a vehicle, the ground, or a zone.
@@ -280,7 +284,7 @@ class OrderCheck:
         route: Route,
         planned: Mapping[int, Route],
         modes: Mapping[int, str],
-        t_ns: int,
+        flights: PredictedFlights,
         *,
         circles_only: bool = False,
     ) -> str:
@@ -294,23 +298,20 @@ class OrderCheck:
             The same of others that get such missions at this time.
         modes : mapping of int to str
             Modes that are ordered now, by vehicle.
+        flights : PredictedFlights
+            What all vehicles fly now.
         circles_only : bool
             True if the circle at its end alone is checked.
 
         Its way there is no problem with a vehicle that it is as near to now: it leads away.
         """
-        states = {state.system_id: state for state in self.intents.flying(t_ns)}
-        state = states.pop(route.vehicle)
-        own = self._stacked(state, route, t_ns)
-        others = [
-            self._stacked(other, planned[vehicle], t_ns)
-            if vehicle in planned
-            else self.intents.flight(other, t_ns, modes.get(vehicle))
-            for vehicle, other in states.items()
-        ]
+        states = flights.states
+        own = self._stacked(states[route.vehicle], route, flights.t_ns)
+        led = {v: self._stacked(states[v], one, flights.t_ns) for v, one in planned.items() if v in states}
+        others = flights.others(route.vehicle, modes, led)
         conflicts = [*self._overlapping(own, others, last=True)]
         if not conflicts and not circles_only:
-            present = self.intents.flight(state, t_ns)
+            present = flights.of(route.vehicle)
             now = {one.other: one.nearness for one in self._met(present, others, is_return=True)}
             conflicts = [
                 one

@@ -22,7 +22,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.core.separation.records import Aircraft
 from gcs.geo import LocalFrame
 from gcs.mavlink.frames.codec import Message
-from gcs.mavlink.services.adsb import UNASSIGNED_ICAO_BLOCK
+from gcs.mavlink.services.adsb_out import UNASSIGNED_ICAO_BLOCK
 from gcs.model import NS_PER_S
 from gcs.safe_text import printable
 

@@ -1,4 +1,4 @@
-"""Uploads in progress, one per vehicle.
+"""Uploads in progress, one for each vehicle: begun, restarted, abandoned; what follows from the result.
 
 Each is an `Upload`: send, read back, compare, start. Its result updates the onboard mission of the vehicle
 (`gcs.core.tasking.onboard_missions`), or marks that mission as possibly inconsistent. A vehicle with
@@ -9,15 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Final
 
 from gcs.core.authority.overrides import Overrides
 from gcs.core.state import Agent
 from gcs.core.tasking.first_legs import FirstLegs
 from gcs.core.tasking.mission_builder import points_passed
 from gcs.core.tasking.onboard_missions import OnboardMissions
-from gcs.core.tasking.records import ActiveUpload, OnboardMission, TaskingState
 from gcs.core.tasking.rejections import Rejections
+from gcs.core.tasking.tasking_state import ActiveUpload, OnboardMission, TaskingState
 from gcs.core.tasking.upload_pauses import ClearingRetry, RejectionRetry, UploadRetry
 from gcs.core.tasking.upload_window import UploadWindow
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
@@ -26,14 +25,11 @@ from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.item_builder import first_flown_item
 from gcs.mavlink.mission.upload import Upload
-from gcs.mavlink.mission.upload_limits import UploadPolicy
+from gcs.mavlink.mission.upload_kinds import mission_upload
+from gcs.mavlink.mission.upload_limits import MAX_ITEMS_IN_FLIGHT, UploadPolicy
 from gcs.mavlink.mission.upload_stages import Event, OnboardState
 from gcs.mavlink.mission.upload_state import UploadState
-from gcs.mavlink.mission.uploads import mission_upload
 from gcs.model import Effect, Notice, NoticeCode, Parameter, UploadReport
-
-_MAX_ITEMS_IN_FLIGHT: Final = 12
-"""Per link; each upload has at least one."""
 
 
 class ActiveUploads(UploadPolicy):
@@ -107,7 +103,7 @@ class ActiveUploads(UploadPolicy):
 
     def max_items_in_flight(self, vehicle: int) -> int:
         """Return the number of items that an upload may have in flight on its link."""
-        return max(1, _MAX_ITEMS_IN_FLIGHT // self._window(self._uploads[vehicle].link).active)
+        return max(1, MAX_ITEMS_IN_FLIGHT // self._window(self._uploads[vehicle].link).active)
 
     # ------------------------------------------------------------ uploads
 

@@ -1,4 +1,4 @@
-"""Vehicles that pass the ends of their routes without having reached their targets.
+"""Missed targets: vehicles that pass the ends of their routes without having reached their targets.
 
 Behind the last point of its route a vehicle circles, returns or lands. An ArduPlane without a further item
 goes to RTL. If the vehicle passed too far from its target, or the target was elsewhere, the operator is
@@ -12,7 +12,7 @@ from typing import Final
 
 from gcs.core.state import Agent, with_status
 from gcs.core.tasking.onboard_missions import OnboardMissions
-from gcs.core.tasking.records import NO_MISSION
+from gcs.core.tasking.tasking_state import NO_MISSION
 from gcs.core.tasking.terminal_phase import TerminalPhase
 from gcs.mavlink.services.retry import ns
 from gcs.model import Effect, Notice, NoticeCode, Parameter

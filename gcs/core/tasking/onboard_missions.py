@@ -18,7 +18,7 @@ from pymavlink.dialects.v20.ardupilotmega import (
 )
 
 from gcs.core.state import Agent
-from gcs.core.tasking.records import OnboardMission
+from gcs.core.tasking.tasking_state import OnboardMission
 from gcs.core.tasking.terminal_phase import TerminalPhase, terminal_phase
 from gcs.core.tasking.upload_latency import DELIVERY_S
 from gcs.mavlink.autopilots import AutopilotProfile

@@ -6,9 +6,9 @@ from typing import Literal, TypeAlias
 
 from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_LAND, MAV_CMD_NAV_LOITER_UNLIM
 
-from gcs.core.tasking.records import AgentTasking
+from gcs.core.tasking.tasking_state import AgentTasking
 from gcs.mavlink.autopilots.modes import AUTO
-from gcs.mavlink.fleet.records import ModeRecord, VehicleLink
+from gcs.mavlink.fleet.fleet_state import ModeRecord, VehicleLink
 
 TerminalPhase: TypeAlias = Literal["", "circle", "circle elsewhere", "return route", "landing", "return"]
 """Empty before the last point; "return": RTL after the last item."""

@@ -6,7 +6,7 @@ follows the uploads of each vehicle, and intercepts are planned with it.
 
 from __future__ import annotations
 
-from gcs.core.tasking.records import AgentTasking
+from gcs.core.tasking.tasking_state import AgentTasking
 
 DELIVERY_S = 1.0
 """Latency on a good link."""

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Final
 
-from gcs.core.lease.records import TIMES, Answer, Ask
+from gcs.core.lease.lease_messages import TIMES, Answer, Ask
 from gcs.errors import LinkError, WireError
 from gcs.io.background_writer import BackgroundWriter
 from gcs.io.clock import RunClock, steady_ns

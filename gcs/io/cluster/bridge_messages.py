@@ -19,7 +19,7 @@ from typing import Annotated, Any, Final, Literal, Self, TypeVar
 import msgspec
 from msgspec import Meta
 
-from gcs.core.lease.records import Answer, Ask, Permit
+from gcs.core.lease.lease_messages import Answer, Ask, Permit
 from gcs.io import message_pack
 from gcs.io.clock import RunClock, unix_ns
 from gcs.io.message_pack import decoder, encoder

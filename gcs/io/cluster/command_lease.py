@@ -5,6 +5,7 @@ from __future__ import annotations
 import secrets
 from typing import Final
 
+from gcs.core.lease.lease_messages import TIMES, Answer, Ask, NodeId, Permit
 from gcs.core.lease.node_lease import (
     Duty,
     duty,
@@ -14,7 +15,6 @@ from gcs.core.lease.node_lease import (
     start_node,
     take_due_asks,
 )
-from gcs.core.lease.records import TIMES, Answer, Ask, NodeId, Permit
 from gcs.io.clock import steady_ns
 
 _HOLDER_ALIVE_NS: Final = 2 * TIMES.lease_ns

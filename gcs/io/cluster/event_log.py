@@ -1,4 +1,4 @@
-"""The events of a command, for a standby: all that the engine consumes, in order and numbered.
+"""Event log for a standby: all events that the engine of command consumes, in order and numbered.
 
 ============================  =================================================================
 key                           message
@@ -24,8 +24,8 @@ from gcs.errors import WireError
 from gcs.io import message_pack
 from gcs.io.cluster.bridge_messages import ClockTime
 from gcs.io.message_pack import decoder, encoder
-from gcs.io.records import decode as decode_record
-from gcs.io.records import encode as encode_record
+from gcs.io.record_json import decode as decode_record
+from gcs.io.record_json import encode as encode_record
 from gcs.model import (
     BadInput,
     ClockStep,

@@ -1,4 +1,4 @@
-"""All MAVLink endpoints of a run, and the routes between vehicles and other ground stations (*clients*).
+"""Links of a run: all its MAVLink endpoints, and the routes between vehicles and other ground stations.
 
 Vehicles' frames go to central command unchanged, except those that a signed link rejects, and to clients by
 `gcs.mavlink.router.router`. Clients' frames go to vehicles, as far as their access allows, and then to
@@ -27,7 +27,7 @@ from gcs.mavlink.fleet.peers import Address
 from gcs.mavlink.frames.codec import Encoder, Frame, FrameTable, scan
 from gcs.mavlink.frames.signing import SigningCounters, SigningGate
 from gcs.mavlink.router.router import PortCounters, Router
-from gcs.mavlink.services.adsb import COMPONENT_ID, adsb_messages
+from gcs.mavlink.services.adsb_out import COMPONENT_ID, adsb_messages
 from gcs.model import NS_PER_S, NoticeCode, Parameter, Picture, network_of, system_of, vehicle_id
 
 TRANSPORTS: Final[Mapping[str, Callable[[Endpoint], Transport]]] = {

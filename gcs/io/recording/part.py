@@ -13,6 +13,7 @@ from typing import Final, TypeAlias
 from mcap.writer import CompressionType, Writer
 
 from gcs.io.private_files import private
+from gcs.io.record_json import encode
 from gcs.io.recording.folder import (
     CONFIG_NAME,
     FORMAT_METADATA,
@@ -25,7 +26,6 @@ from gcs.io.recording.folder import (
 from gcs.io.recording.schemas import json_schema
 from gcs.io.recording.tlog import tlog_entries
 from gcs.io.recording.topics import TOPICS, Recordable, topic_of
-from gcs.io.records import encode
 from gcs.model import Datagram, Picture, Send
 
 PendingRecord: TypeAlias = tuple[Recordable, int, bytes]

@@ -1,4 +1,4 @@
-"""Reads the records of a run in the order of consumption.
+"""Reader of recordings: all records, or some kinds, in the order of consumption.
 
 An MCAP (https://mcap.dev/spec) is a magic number and then records of (1-byte opcode, 8-byte length,
 content). Messages are in compressed chunks with a checksum. A chunk is read completely or not at all. If a
@@ -24,6 +24,7 @@ from mcap.records import Attachment, Channel, Chunk, Metadata, Statistics
 
 from gcs.errors import RecordingError, WireError
 from gcs.files import open_regular
+from gcs.io.record_json import decode
 from gcs.io.recording.chunks import Unpacker, UnpackingError
 from gcs.io.recording.folder import (
     CONFIG_NAME,
@@ -44,7 +45,6 @@ from gcs.io.recording.mcap_file import (
     stream,
 )
 from gcs.io.recording.topics import TOPICS, Recordable
-from gcs.io.records import decode
 from gcs.model import Picture, Snapshot
 
 _MAX_DEFINITIONS = 200_000

@@ -23,7 +23,7 @@ from gcs.mavlink.mission.geofence_rally import (
 )
 from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.upload import Upload
-from gcs.mavlink.mission.uploads import list_upload
+from gcs.mavlink.mission.upload_kinds import list_upload
 from gcs.mavlink.services.parameter_protocol import ParameterSetter, is_bytewise
 
 Action: TypeAlias = Literal["upload", "show", "clear"]

@@ -1,7 +1,7 @@
 """Key expressions on zenoh. `KEYS` is the table of all; those of a mission begin with ``swarm/<mission>``.
 
 `tests/helpers/key_page.py` makes the page in the documentation from it. Payloads are the JSON of
-`gcs.io.records`; scans and orders have own forms (`gcs.io.zenoh.scans`, `gcs.io.zenoh.order_messages`),
+`gcs.io.record_json`; scans and orders have own forms (`gcs.io.zenoh.scans`, `gcs.io.zenoh.order_messages`),
 consoles theirs (`gcs.console.remote.messages`). Who may use which key: `gcs.io.zenoh.access_control`.
 """
 

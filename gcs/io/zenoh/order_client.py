@@ -1,4 +1,4 @@
-"""Sending an order and waiting for its answers (``docs/orders.md``).
+"""Client of orders: sends one on zenoh, and waits for its answers (``docs/orders.md``).
 
 An order is repeated until it is answered, since the connection may come up late. The service carries out each
 order id once.
@@ -15,7 +15,7 @@ import time
 from collections.abc import Iterator
 
 from gcs.errors import NoAnswerError, WireError
-from gcs.io.records import decode
+from gcs.io.record_json import decode
 from gcs.io.zenoh.discovery import ServiceAddress
 from gcs.io.zenoh.key_expressions import answer_key, order_key, status_key, status_request_key
 from gcs.io.zenoh.order_messages import OrderMessage, encode_order

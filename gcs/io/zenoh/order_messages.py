@@ -16,7 +16,7 @@ from msgspec import Meta
 from gcs.area_corners import corner_error
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
-from gcs.io.records import decode_json
+from gcs.io.record_json import decode_json
 from gcs.model import Action, LimitReference, NoFlyZone, Order, target_of, vertical_limits
 
 _NAME = r"^[A-Za-z0-9_.-]{1,64}$"

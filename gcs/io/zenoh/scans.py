@@ -19,7 +19,7 @@ from msgspec import Meta
 
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
-from gcs.io.records import decode_json
+from gcs.io.record_json import decode_json
 from gcs.io.zenoh.key_expressions import SENSOR_NAME
 from gcs.model import FloatArray, Polar, Scan, Sensor, Viewpoint, read_only
 from gcs.tracking.models.sensor_geometry import map_coordinates, polar_sensor, sensor_coordinates

@@ -1,4 +1,4 @@
-"""The vehicles on our links, by network and system id. Sans-I/O: datagrams in, `Send` and `Notice` out.
+"""The fleet: all vehicles on our links; which frames are accepted, addresses, heartbeats. Sans-I/O.
 
 Vehicles are numbered by `gcs.model.vehicle_id`; on network 0 that is the system id.
 
@@ -39,12 +39,12 @@ from gcs.mavlink.fleet.checks.link_timeouts import (
     check_liveness,
     lost_after_ns,
 )
+from gcs.mavlink.fleet.fleet_state import FleetState, VehicleLink
 from gcs.mavlink.fleet.heartbeat import heartbeat, is_from_autopilot, is_heartbeat
 from gcs.mavlink.fleet.high_latency import heartbeat_of, is_high_latency
 from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystem, total
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.fleet.peers import Address
-from gcs.mavlink.fleet.records import FleetState, VehicleLink
 from gcs.mavlink.fleet.standby_link import StandbyLink, is_second_path
 from gcs.mavlink.fleet.stream_requests import StreamRequests, message_requests
 from gcs.mavlink.fleet.telemetry_table import (
@@ -64,8 +64,7 @@ from gcs.mavlink.fleet.telemetry_table import (
 from gcs.mavlink.fleet.vehicle import Health, Readings, Vehicle
 from gcs.mavlink.frames.codec import (
     AUTOPILOT_COMPONENT_ID,
-    GCS_COMPONENT_ID,
-    GCS_SYSTEM_ID,
+    OWN_IDS,
     Encoder,
     Frame,
     FrameTable,
@@ -175,7 +174,7 @@ class Fleet:
         settings: FleetSettings | None = None,
         *,
         links: Iterable[Link] = (),
-        own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
+        own: tuple[int, int] = OWN_IDS,
         kernel: bool = True,
         state: FleetState | None = None,
         vehicle_links: Mapping[int, VehicleLink] | None = None,

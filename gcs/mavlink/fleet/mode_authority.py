@@ -1,4 +1,4 @@
-"""Control authority over one vehicle: ours, or overridden by a pilot, a failsafe or another station.
+"""Mode changes of one vehicle: each is ours, or an override by a pilot, a failsafe or another station.
 
 A mode alone does not show its cause. Each change of mode is classified:
 
@@ -27,12 +27,16 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
-from gcs.mavlink.fleet.records import ModeRecord
+from gcs.mavlink.fleet.fleet_state import ModeRecord
 from gcs.mavlink.frames.codec import Message
 from gcs.model import NS_PER_S, Authority, Claims, ControlEvent
 
 _COMMAND_SHOWS_NS: Final = 2 * NS_PER_S
 """Time after which a heartbeat shows whether a vehicle has obeyed another station's command."""
+_COMPLETION_NS: Final = 3 * NS_PER_S
+"""After a change to RTL, MISSION_CURRENT (1 Hz) shows within this time whether the mission is complete."""
+_BOOT_NS: Final = 10 * NS_PER_S
+"""A mode seen this soon after a boot is the one that the vehicle started in."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,10 +137,19 @@ class ModeAuthority:
         if self.override == LOITER and not self.record.in_failsafe:
             self.claims.apply(ControlEvent.NO_MISSION_SEEN, t_ns)
 
+    def note_mission_lost(self, booted_t_ns: int, t_ns: int) -> None:
+        """Note that the vehicle lost its mission at a boot: a LOITER that it started in is no override."""
+        if -NS_PER_S < self.override_t_ns - booted_t_ns < _BOOT_NS:
+            self.note_rejection(t_ns)
+
     @property
     def may_have_ended(self) -> bool:
         """True if the vehicle went from AUTO to RTL: at its mission's end, by a failsafe or an order."""
         return self.override == RTL and self.record.previous == AUTO
+
+    def awaits_completion(self, t_ns: int) -> bool:
+        """Return True if that was a moment ago: MISSION_CURRENT has not shown the reason yet."""
+        return self.may_have_ended and t_ns - self.override_t_ns < _COMPLETION_NS
 
     def note_completion(self, t_ns: int) -> None:
         """Note that the vehicle went from AUTO to RTL because its mission is complete."""

@@ -1,4 +1,4 @@
-"""State of one vehicle: position, mode, mission item, health and link quality.
+"""State of one vehicle from its messages: position, mode, mission item, health and link quality.
 
 Fields: https://mavlink.io/en/messages/common.html. Position and ground speed come from GLOBAL_POSITION_INT
 (1e-7 degrees, mm, cm/s), mode and arming from HEARTBEAT, the current item from MISSION_CURRENT. Loss is
@@ -24,6 +24,7 @@ from gcs.mavlink.fleet.checks.position_checks import (
 )
 from gcs.mavlink.fleet.checks.position_plausibility import Report
 from gcs.mavlink.fleet.checks.report_consistency import Sample
+from gcs.mavlink.fleet.fleet_state import Liveness, VehicleLink
 from gcs.mavlink.fleet.heartbeat import heartbeat_key
 from gcs.mavlink.fleet.high_latency import (
     HighLatency,
@@ -33,7 +34,6 @@ from gcs.mavlink.fleet.high_latency import (
     sys_status_of,
 )
 from gcs.mavlink.fleet.peers import Address
-from gcs.mavlink.fleet.records import Liveness, VehicleLink
 from gcs.mavlink.fleet.stream_requests import StreamRequests
 from gcs.mavlink.fleet.telemetry_table import (
     ADDRESS,

@@ -1,4 +1,4 @@
-"""Timeouts and bounds of a mission upload, and its policy.
+"""Timeouts and bounds of mission uploads, and their policy: how often, how long, how many items at a time.
 
 Waits follow the measured round trip (`gcs.mavlink.services.retransmission_timeout`). The bounds here follow
 ArduPlane.
@@ -7,10 +7,14 @@ ArduPlane.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 from gcs.mavlink.services.retry import RetryPolicy
 
+MAX_ITEMS_IN_FLIGHT: Final = 12
+"""Mission items of all uploads over one link that are outstanding; each upload has at least one."""
 _SHORT_ROUND_TRIP_S = 0.2
+"""Round trip up to which the limits are those of a short link."""
 
 
 @dataclass(frozen=True, slots=True)

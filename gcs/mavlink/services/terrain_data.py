@@ -21,7 +21,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.geo import LocalFrame
 from gcs.mavlink.frames.codec import Message
 from gcs.model import NS_PER_S
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 _METRES_PER_UNIT: Final = 0.011131884502145034
 """Length of 1e-7 degrees of latitude: ArduPilot's LOCATION_SCALING_FACTOR."""

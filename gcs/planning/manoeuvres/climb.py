@@ -1,4 +1,4 @@
-"""Climb after take-off: straight along the runway up to the take-off altitude.
+"""Climb after take-off along the runway: its length, its first turn, the obstacles and ground below.
 
 ArduPlane's NAV_TAKEOFF holds the runway heading up to its altitude, wherever its waypoint is. PX4 flies
 towards its waypoint. Both turn to the first waypoint at that altitude. So a route begins at the end of the
@@ -24,7 +24,7 @@ from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight, path_clearance, to_cells
 from gcs.planning.path.initial_turn import START_CLEARANCE_SHARE, is_turn_safe, start_clearance
 from gcs.planning.terrain.ground import needed_low_agl_m
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 _CLIMB_LENGTH_UNCERTAINTY = 0.1
 """Relative uncertainty of the length of the airborne climb."""

@@ -33,7 +33,7 @@ from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.planner_inputs import AgentState, PlanOptions, TargetDemand
 from gcs.planning.route_joining import MIN_CLEARANCE_SHARE
 from gcs.planning.route_search import RouteSearch
-from gcs.planning.wide_routes import WIND_SHARES, widened
+from gcs.planning.routes_in_wind import WIND_SHARES, widened
 
 _BEARINGS = 36
 _CLEARANCE_SHARES = (1.0, 0.5, MIN_CLEARANCE_SHARE, 0.0)

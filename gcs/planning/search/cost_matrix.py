@@ -1,4 +1,4 @@
-"""The cost matrix: shortest paths of all agent-target pairs.
+"""Cost matrix: shortest paths of all agent-target pairs, by A* or by Dijkstra, whichever is faster.
 
 One-to-all Dijkstra from each place of the smaller side covers the other side, and ends when all of it is
 reached. For few pairs, and on open ground, A* per pair is faster. `is_pairwise_faster` estimates both from
@@ -18,7 +18,7 @@ import numpy as np
 from gcs.jit import Call, kernel
 from gcs.model import BoolArray, ByteArray, FloatArray, IntArray
 from gcs.planning.map.grid import Grid, free_grid
-from gcs.planning.path.shortcut import is_adjacent_and_visible
+from gcs.planning.path.path_shaping import is_adjacent_and_visible
 from gcs.planning.search.bucket_astar import bucket_astar
 from gcs.planning.search.canonical_ordering import NO_MOVE, move_length
 from gcs.planning.search.dijkstra import costs_at, dijkstra_buffers, one_to_all, trace_back
@@ -44,7 +44,7 @@ _ASTAR_SHARE = 0.8
 
 
 class Endpoints(NamedTuple):
-    """Positions of n agents or targets in cells, and their connections to the grid (`path.shortcut`).
+    """Positions of n agents or targets in cells, and their connections to the grid (`path.path_shaping`).
 
     ======  ======  =======  =========================================================
     xy      (n, 2)  float64  column and row

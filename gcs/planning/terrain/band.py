@@ -21,7 +21,7 @@ from scipy import ndimage
 from gcs.jit import spliced
 from gcs.model import BoolArray, Float32Array, FloatArray
 from gcs.planning.map.grid import Grid, Point
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 NO_BAND_M = 1e6
 """Floor, and negative ceiling, of a place without a band."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from gcs.model import BoolArray, FloatArray
 from gcs.planning.map.limited_area import LimitedArea
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 _FLARE_M: Final = 3.0
 

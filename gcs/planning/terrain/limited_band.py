@@ -18,7 +18,7 @@ from gcs.model import BoolArray, FloatArray, IntArray
 from gcs.planning.map.grid import Grid
 from gcs.planning.map.limited_area import LimitedArea, blocked_by
 from gcs.planning.terrain.band import NO_BAND_M, FlightBand
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 _AROUND_SPACINGS = 1.5
 

@@ -22,12 +22,12 @@ from gcs.cli.analyse.playback import ReplayOptions, open_source
 from gcs.cli.analyse.run_file import RunFile
 from gcs.config import load, parse
 from gcs.core.snapshot import encode_state
+from gcs.io.record_json import encode
 from gcs.io.recording.folder import Run
 from gcs.io.recording.index import snapshot_places
 from gcs.io.recording.reader import Damage, Record, read, read_info
 from gcs.io.recording.recorder import Recorder
 from gcs.io.recording.topics import Recordable
-from gcs.io.records import encode
 from gcs.model import (
     NS_PER_S,
     BadInput,

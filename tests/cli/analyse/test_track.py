@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from gcs.cli import app
 from gcs.config import read_text
-from gcs.io.detections.readers import load
+from gcs.io.detections.track_input import load
 from gcs.io.recording.recorder import Recorder
 from gcs.model import NS_PER_S, Scan, Sensor, Truth, TruthObject, Viewpoint, read_only
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from gcs.cli.analyse.track_run import track_detections
 from gcs.config import read_text
 from gcs.errors import GcsError
-from gcs.io.detections.readers import load
+from gcs.io.detections.track_input import load
 
 MISTAKES = {
     "no such file": (["gone.npz"], "gone.npz: there is no such file"),

@@ -5,7 +5,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { topOf } from "../../../gcs/console/static/line_chart.js";
-import { nearestMark } from "../../../gcs/console/static/marks.js";
+import { nearestMark } from "../../../gcs/console/static/run_marks.js";
 import { TimeAxis } from "../../../gcs/console/static/time_axis.js";
 
 test("a span that is drawn backwards or beyond the run is shown within it", () => {

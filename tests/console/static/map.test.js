@@ -8,9 +8,9 @@ import { drawRoutes } from "../../../gcs/console/static/draw_swarm.js";
 import { latOf, lonOf, tileColumn, tileRow, toLocal } from "../../../gcs/console/static/geodesy.js";
 import { centroid, roundLength } from "../../../gcs/console/static/geometry.js";
 import { LateTracks } from "../../../gcs/console/static/late_tracks.js";
-import { lengthAndBearing } from "../../../gcs/console/static/measure.js";
+import { View } from "../../../gcs/console/static/map_view.js";
+import { lengthAndBearing } from "../../../gcs/console/static/measure_tool.js";
 import { Trails } from "../../../gcs/console/static/trails.js";
-import { View } from "../../../gcs/console/static/view.js";
 
 /** Made by gcs.geo.LocalFrame(47.4, 8.5, 420).to_local. */
 const REFERENCE = [

@@ -6,15 +6,15 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
+import { Ground } from "../../../gcs/console/static/ground_picture.js";
 import {
   aheadOf,
   behindOf,
   crossingsOf,
   othersNear,
   stationAt,
-} from "../../../gcs/console/static/profile_path.js";
-import { crossedZones, partsInside } from "../../../gcs/console/static/profile_zones.js";
-import { Ground } from "../../../gcs/console/static/terrain.js";
+} from "../../../gcs/console/static/height_profile_path.js";
+import { crossedZones, partsInside } from "../../../gcs/console/static/height_profile_zones.js";
 
 /** @param {Partial<AgentRecord>} more */
 const vehicle = (more) =>

@@ -5,9 +5,9 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { FrameRate } from "../../../gcs/console/static/frame_rate.js";
-import { Digits } from "../../../gcs/console/static/keys.js";
+import { Digits } from "../../../gcs/console/static/keyboard.js";
 import { Selection } from "../../../gcs/console/static/selection.js";
-import { orderedOf, stalenessOf } from "../../../gcs/console/static/targets.js";
+import { orderedOf, stalenessOf } from "../../../gcs/console/static/targets_panel.js";
 import { missionCell, targetCell } from "../../../gcs/console/static/vehicle_table.js";
 
 /** @param {Partial<AgentRecord>} more */

@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { View } from "../../../gcs/console/static/view.js";
+import { View } from "../../../gcs/console/static/map_view.js";
 
 function viewOf(width = 800, height = 600) {
   return Object.assign(new View(), { width, height, east: 500, north: 400, scale: 0.5 });

@@ -2,14 +2,14 @@
 
 /**
  * @import { VerticalLimits } from "../../../gcs/console/page_types.d.ts"
- * @import { Shape } from "../../../gcs/console/static/zone_tools.js"
+ * @import { Shape } from "../../../gcs/console/static/zone_draw_tools.js"
  */
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { ZoneEdit } from "../../../gcs/console/static/zone_edit.js";
+import { CircleTool, PolygonTool } from "../../../gcs/console/static/zone_draw_tools.js";
+import { ZoneEdit } from "../../../gcs/console/static/zone_edit_tool.js";
 import { textsOf, zoneOf } from "../../../gcs/console/static/zone_form.js";
-import { CircleTool, PolygonTool } from "../../../gcs/console/static/zone_tools.js";
 
 /** @type {VerticalLimits} */
 const OPEN = { floor_m: null, ceiling_m: null, reference: "ground" };

@@ -9,10 +9,10 @@ from helpers.hills import elevation_of, hill, terrain_table
 from helpers.noticed import alarms, noticed
 
 from gcs.config import parse
+from gcs.core.airspace.airspace_state import AirspaceState
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import mission_map
-from gcs.core.airspace.records import AirspaceState
 from gcs.mavlink.autopilots import ARDUPLANE
 from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
@@ -95,7 +95,9 @@ def problem(
     motion = Motion(*place_m, 22.0, math.radians(course_deg))
     items = items[ARDUPLANE.home_items :]
     check = MissionBoundsCheck(config, zones)
-    return check.flight_problem(items, 1, motion, 0.0, 170.0 if takeoff is None else 70.0, HOME.alt_msl_m)
+    height_msl_m = 170.0 if takeoff is None else 70.0
+    found = check.flight_problem(items, 1, motion, 0.0, height_msl_m, HOME.alt_msl_m)
+    return "" if found is None else found.text
 
 
 @pytest.mark.parametrize(
@@ -156,7 +158,7 @@ def test_the_last_check_sees_at_what_height_an_obstacle_is_passed(what, expected
 
 def test_a_mission_whose_circle_leaves_the_fence_is_not_sent_and_the_alarm_names_the_circle(monkeypatch):
     """The last check does not rely on the planner: here the planner has forgotten its circles."""
-    monkeypatch.setattr("gcs.planning.planner._with_terminal_loiter", lambda _grid, route, *_: (route, ""))
+    monkeypatch.setattr("gcs.planning.pair_route._with_terminal_loiter", lambda _grid, route, *_: (route, ""))
     flight = Flight(field((1380.0, 1000.0)), 40.0)
     assert not [report for report in flight.of(UploadReport) if report.ok]
     (alarm,) = alarms(flight.of(Notice))

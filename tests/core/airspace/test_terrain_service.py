@@ -12,8 +12,8 @@ from gcs.config import parse
 from gcs.core.engine import Engine
 from gcs.mavlink.frames.codec import Encoder, scan
 from gcs.model import NS_PER_S, Datagram, NoticeCode, Send, Tick
-from gcs.terrain.elevation import Elevation
-from gcs.terrain.elevation_model import ElevationModel, encode_model
+from gcs.terrain.elevation_grid import Elevation
+from gcs.terrain.elevation_text import ElevationModel, encode_model
 
 LINK, PEER = "udpin:0.0.0.0:14550", "10.0.0.5:50"
 MISSION = """

@@ -12,13 +12,13 @@ from helpers.staging import mission, suspensions
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.core.tasking.mission_builder import MissionBuilder
-from gcs.core.tasking.records import OnboardMission
+from gcs.core.tasking.tasking_state import OnboardMission
 from gcs.mavlink.autopilots import profile_of
 from gcs.mavlink.frames.codec import decode
 from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.model import Datagram, Effect, NoticeCode, Route, Send, Tick, UploadReport, read_only
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import VirtualRun
 
 S = 1_000_000_000

@@ -10,6 +10,7 @@ import msgspec
 import pytest
 
 from gcs.core.lease.bridge_lease import accepts, answer_ask, is_held, start_lease
+from gcs.core.lease.lease_messages import NO_STANDING, Answer, Ask, Epoch, NodeId, Permit
 from gcs.core.lease.node_lease import (
     Duty,
     NodeLease,
@@ -21,7 +22,6 @@ from gcs.core.lease.node_lease import (
     start_node,
     take_due_asks,
 )
-from gcs.core.lease.records import NO_STANDING, Answer, Ask, Epoch, NodeId, Permit
 from gcs.model import NS_PER_S
 
 MS = NS_PER_S // 1000

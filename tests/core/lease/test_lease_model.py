@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from lease_model import (
+from helpers.lease_model import (
     BRIDGE_CLOCK,
     DRIFT_TIMES,
     NODE_CLOCK,
@@ -22,8 +22,8 @@ from lease_model import (
 
 from gcs.core.lease import bridge_lease, node_lease
 from gcs.core.lease.bridge_lease import BridgeLease
+from gcs.core.lease.lease_messages import Answer, Ask, LeaseTimes, Permit
 from gcs.core.lease.node_lease import Duty, NodeLease
-from gcs.core.lease.records import Answer, Ask, LeaseTimes, Permit
 
 ONE = Bounds(ticks=3, asks=(2, 2))
 RESTARTS = Bounds(ticks=2, asks=(1, 1), node_restarts=1, bridge_restarts=1)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from gcs.core.engine import Engine
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.core.state import flown_routes
-from gcs.io.records import decode, encode
+from gcs.io.record_json import decode, encode
 from gcs.mavlink.frames.codec import decode as decode_frames
 from gcs.model import (
     AgentStatus,

@@ -14,10 +14,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import read_text
 from gcs.config.key_overrides import override_keys
-from gcs.io.records import decode, encode
+from gcs.io.record_json import decode, encode
 from gcs.mavlink.frames.codec import Encoder
 from gcs.model import Effect, Event, MissionEnded, Notice, NoticeCode, Order, OrderAnswer, Plan
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import load, parse_scenario
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.staging import at
 
-from gcs.core.perception.records import PerceptionState
+from gcs.core.perception.perception_state import PerceptionState
 from gcs.core.perception.report_history import ReportHistory
 from gcs.core.perception.scan_timing import ScanTiming
 from gcs.core.state import State

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.frames.codec import Encoder
 from gcs.model import Datagram, NoticeCode, Tick
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 
 GLIDER = 0x4CA2B1
 FLAGS = (

@@ -13,7 +13,7 @@ from gcs.core.separation.records import Approach
 from gcs.core.separation.traffic_reports import FIRST_ADSB as AIRCRAFT
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.model import FlightPhase, NoticeCode, Order, Resumed
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 
 CROSSING = FIELD.replace("layers = 8", "layers = 1").replace(
     "2900.0\nnorth_m = 2900.0", "2600.0\nnorth_m = 1500.0"

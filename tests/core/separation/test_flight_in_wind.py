@@ -8,7 +8,7 @@ from helpers.sky import FIELD, Sky, fly_on
 from helpers.staging import S
 
 from gcs.core.separation.forward_flight import Flight, Goal, GoalKind, simulate_flights
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS
 
 AHEAD_S = 25

@@ -7,7 +7,7 @@ from helpers.noticed import noticed
 from helpers.staging import S
 
 from gcs.model import NoFlyZone, NoticeCode, Order, OrderAnswer, Scan, VerticalLimits
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import parse_scenario
 

@@ -7,9 +7,9 @@ import pytest
 from helpers.sky import Sky, fly_on, place
 
 from gcs.core.separation import mission_traffic
-from gcs.core.tasking.records import QueuedRoute
+from gcs.core.tasking.tasking_state import QueuedRoute
 from gcs.model import NoticeCode, read_only
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 
 
 @pytest.fixture

@@ -9,10 +9,10 @@ from helpers.sky import NEAR_HEIGHT_M, Sky
 from helpers.staging import S
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.core.tasking.records import OnboardMission
+from gcs.core.tasking.tasking_state import OnboardMission
 from gcs.mavlink.mission.items import Item
 from gcs.model import NoticeCode, Order, Route, Tick, read_only
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.vehicle.guidance import Straight
 
 

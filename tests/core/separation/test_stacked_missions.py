@@ -10,7 +10,7 @@ from helpers.staging import S
 
 from gcs.core.operator.order_refusals import OrderRefusals
 from gcs.model import NoFlyZone, NoticeCode, Order, VerticalLimits
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.vehicle.faults import FaultKind
 
 PLACES = [(600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0), (700.0, 2200.0, 100.0), (2200.0, 700.0, 120.0)]

@@ -5,7 +5,7 @@ from helpers.sky import Sky, fly_on, give
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.model import FlightPhase, NoticeCode
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 
 
 def land(plane):

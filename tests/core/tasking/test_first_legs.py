@@ -8,7 +8,7 @@ from helpers.staging import at, state
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.core.tasking.first_legs import FirstLegs
-from gcs.core.tasking.records import OnboardMission
+from gcs.core.tasking.tasking_state import OnboardMission
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
 from gcs.model import Notice, NoticeCode, Route, Send, read_only
 

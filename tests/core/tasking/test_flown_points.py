@@ -10,7 +10,7 @@ from helpers.staging import state
 from gcs.core.replanning.replanner import is_crossed
 from gcs.core.state import State
 from gcs.core.tasking.mission_builder import flown_points
-from gcs.core.tasking.records import OnboardMission
+from gcs.core.tasking.tasking_state import OnboardMission
 from gcs.model import NS_PER_S, Route, read_only
 from gcs.planning.map.grid import free_grid
 from gcs.planning.route_progress import remaining_length_m, remaining_m

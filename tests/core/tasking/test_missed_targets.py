@@ -10,12 +10,12 @@ from gcs.core.state import State
 from gcs.core.tasking.missed_targets import check_missed_targets
 from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.core.tasking.onboard_missions import OnboardMissions
-from gcs.core.tasking.records import OnboardMission
+from gcs.core.tasking.tasking_state import OnboardMission
 from gcs.mavlink.autopilots import ARDUPLANE
 from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.model import NS_PER_S, AgentStatus, Notice, NoticeCode, Route, UploadReport, read_only
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import load
 

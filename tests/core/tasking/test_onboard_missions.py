@@ -6,7 +6,7 @@ from helpers.one_vehicle_fleet import CONFIG, Fleet
 from gcs.core.state import State
 from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.core.tasking.onboard_missions import OnboardMissions
-from gcs.core.tasking.records import OnboardMission
+from gcs.core.tasking.tasking_state import OnboardMission
 from gcs.mavlink.autopilots import ARDUPLANE
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.mission.item_builder import build_items

@@ -17,11 +17,11 @@ from gcs.core.state import Agent
 from gcs.core.tasking.rejections import Rejections
 from gcs.mavlink.services.parameter_protocol import encode_value
 from gcs.model import Authority, Notice, NoticeCode, Order, OrderAnswer, UploadReport
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.vehicle.vehicle import SimVehicle
 from sim_vehicles.world.scenario import parse_scenario
-from sim_vehicles.world.specs import vehicle_specs
+from sim_vehicles.world.vehicle_specs import vehicle_specs
 
 FIELD = (
     'name = "two"\n'

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gcs.core.tasking.records import AgentTasking
+from gcs.core.tasking.tasking_state import AgentTasking
 from gcs.core.tasking.upload_latency import DELIVERY_S, late_s, left_s, note_failure, note_success
 
 

@@ -17,7 +17,7 @@ from gcs.mavlink.mission.upload import Upload
 from gcs.mavlink.mission.upload_stages import RuleError, Stage
 from gcs.model import ControlEvent, NoticeCode, Route, Send, Tick, read_only
 from gcs.planning.manoeuvres.landing import ReturnRoute
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import load
 

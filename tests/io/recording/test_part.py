@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from gcs.io.record_json import encode
 from gcs.io.recording.folder import Run
 from gcs.io.recording.part import RecordingPart
 from gcs.io.recording.reader import read
 from gcs.io.recording.recorder import Recorder
 from gcs.io.recording.tlog import tlog_entries
-from gcs.io.records import encode
 from gcs.model import Datagram, Event, Notice, NoticeCode, Send, Tick
 
 packer = mavlink.MAVLink(None, srcSystem=7)

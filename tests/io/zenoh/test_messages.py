@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
+from gcs.io.record_json import MAX_PAYLOAD_BYTES, decode, encode
 from gcs.io.recording.topics import topic_of
-from gcs.io.records import MAX_PAYLOAD_BYTES, decode, encode
 from gcs.io.zenoh.key_expressions import effect_key, scan_key
 from gcs.io.zenoh.scans import MAX_DETECTIONS, decode_scan, encode_scan
 from gcs.model import (

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
-from gcs.io.records import decode, encode
+from gcs.io.record_json import decode, encode
 from gcs.io.zenoh.key_expressions import scan_key
 from gcs.io.zenoh.scans import decode_scan, encode_scan
 from gcs.model import Polar, Scan, Sensor, Viewpoint, read_only

@@ -15,7 +15,7 @@ from gcs.core.state import State
 from gcs.endpoints import Link, parse_endpoint
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet
-from gcs.mavlink.fleet.records import FleetState
+from gcs.mavlink.fleet.fleet_state import FleetState
 from gcs.mavlink.fleet.telemetry_table import new_table
 from gcs.mavlink.frames.codec import scan
 from gcs.mavlink.frames.fast_scan import Scanner

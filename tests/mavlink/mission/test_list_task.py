@@ -21,9 +21,9 @@ from gcs.mavlink.mission.geofence_rally import (
     rally_items,
 )
 from gcs.mavlink.mission.upload import Upload
+from gcs.mavlink.mission.upload_kinds import list_upload
 from gcs.mavlink.mission.upload_rules import LIST_RULES
 from gcs.mavlink.mission.upload_stages import Event, Stage
-from gcs.mavlink.mission.uploads import list_upload
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 S = 1_000_000_000

@@ -32,7 +32,7 @@ from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.upload_stages import OnboardState, Stage
 from gcs.model import ControlEvent, Mission, Waypoint
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 PLACE = Home(-35.3632621, 149.165237, 584.09)

@@ -14,7 +14,7 @@ from gcs.geo import LocalFrame
 from gcs.mavlink.frames.codec import Encoder, scan
 from gcs.mavlink.services.terrain_data import TerrainRecord, TerrainServer, node_places_deg
 from gcs.model import NS_PER_S
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 FRAME = LocalFrame(46.8, 9.8, 1500.0)
 UNIT_M = 0.011131884502145034

@@ -8,7 +8,7 @@ import pytest
 from gcs.planning.manoeuvres.climb import Climb, climb_obstruction, ground_obstruction, turn_obstruction
 from gcs.planning.manoeuvres.takeoff_obstruction import ObstructionCode
 from gcs.planning.map.grid import free_grid
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 HEADING_RAD = math.radians(352.9)
 STAND_M = (1501.5, 1000.0)

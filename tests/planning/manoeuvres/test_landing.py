@@ -14,10 +14,10 @@ from gcs.planning.manoeuvres.landing import LandingSpec, plan_return_route
 from gcs.planning.map.grid import free_grid, random_obstacles
 from gcs.planning.map.line_of_sight import line_of_sight
 from gcs.planning.path.turns import TurnAnticipation
-from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState, PlanOptions
-from sim_vehicles.vehicle.airframe import Airframe
+from gcs.planning.team_routes import plan_routes
 from sim_vehicles.vehicle.guidance import ToPoint
+from sim_vehicles.vehicle.paper_airframe import Airframe
 
 OPEN = free_grid((51, 51), 40.0)
 CORNERS = TurnAnticipation(40.0, 42.0, 10.0)

@@ -13,7 +13,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from gcs.planning.map.grid import Grid
-from gcs.planning.path.shortcut import connect_to_grid
+from gcs.planning.path.path_shaping import connect_to_grid
 from gcs.planning.search import cost_matrix
 from gcs.planning.search.canonical_ordering import TIGHT_MOVE_COST
 from gcs.planning.search.dijkstra import dijkstra_buffers, one_to_all

@@ -18,7 +18,7 @@ from gcs.planning.terrain.flown_route import FlightModel, fly_route
 from gcs.planning.terrain.ground import Terrain
 from gcs.planning.terrain.limited_band import block_closed, limit_band
 from gcs.planning.terrain.terrain_search import TerrainSearch
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 GRID = free_grid((26, 26), 40.0)
 LEVEL = Elevation((-60.0, -60.0), 30.0, np.full((42, 42), 400.0))

@@ -30,7 +30,7 @@ from gcs.planning.terrain.goal import cost_matrix, goal_at
 from gcs.planning.terrain.loiter_circles import circle_at, goal_at_target, make_circle_map, nearest_circles
 from gcs.planning.terrain.route import TerrainRoute, plan_route
 from gcs.planning.terrain.terrain_map import BandCircle, BandPose, make_terrain_map
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 OFF_BAND_M = 0.3
 """Departure between the places where a profile is checked."""

@@ -8,14 +8,14 @@ import pytest
 
 from gcs.geo import LocalFrame
 from sim_vehicles.autopilots.arduplane import Autopilot
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_states import ItemReached, StatusText
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.autopilots.mission_protocol import Item
 from sim_vehicles.autopilots.parameters import Parameters
-from sim_vehicles.autopilots.records import ItemReached, StatusText
-from sim_vehicles.vehicle.airframe import Airframe
 from sim_vehicles.vehicle.banked_airframe import BankedAirframe
 from sim_vehicles.vehicle.geodesy import Geodesy
 from sim_vehicles.vehicle.guidance import Circle
+from sim_vehicles.vehicle.paper_airframe import Airframe
 
 STEP_NS = 10_000_000
 FRAME = LocalFrame(33.2, -87.6, 70.0)

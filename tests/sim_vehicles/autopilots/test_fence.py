@@ -5,7 +5,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.fence import Area, Fence, Rally
 from gcs.mavlink.mission.geofence_rally import FENCE, RALLY, fence_items, rally_items
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 
 EAST_300 = (33.2, -87.596785)
 """About 300 m east of the origin."""

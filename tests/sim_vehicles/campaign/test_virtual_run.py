@@ -10,7 +10,7 @@ import pytest
 from helpers.noticed import noticed
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.io.records import encode
+from gcs.io.record_json import encode
 from gcs.model import (
     NS_PER_S,
     AgentStatus,

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from gcs.model import NS_PER_S
-from sim_vehicles.vehicle.airframe import STEP_NS, Airframe
 from sim_vehicles.vehicle.guidance import ToPoint
+from sim_vehicles.vehicle.paper_airframe import STEP_NS, Airframe
 from sim_vehicles.vehicle.wind import Wind
 
 

@@ -11,7 +11,7 @@ from helpers.ridged import VALLEY_MSL_M, ridge, terrain_table
 from gcs.config import scenario_names
 from gcs.errors import ConfigError
 from sim_vehicles.world.scenario import generator, load, parse_scenario
-from sim_vehicles.world.specs import vehicle_specs
+from sim_vehicles.world.vehicle_specs import vehicle_specs
 
 GOOD = """
 name = "x"

@@ -10,7 +10,7 @@ import time
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.io.records import decode
+from gcs.io.record_json import decode
 from gcs.io.zenoh.key_expressions import truth_key
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.model import NS_PER_S, Truth

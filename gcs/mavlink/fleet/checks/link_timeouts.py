@@ -1,4 +1,4 @@
-"""Link timeouts: when a silent vehicle is stale, and when its link is down.
+"""Link timeouts: after how long a silent vehicle is stale, and its link is down.
 
 A vehicle that is heard by HIGH_LATENCY2 alone may miss two reports.
 """
@@ -11,7 +11,7 @@ from gcs.mavlink.fleet.telemetry_table import ADDRESS, NO_ADDRESS
 from gcs.model import NS_PER_S, NoticeCode, Notify
 
 if TYPE_CHECKING:
-    from gcs.mavlink.fleet.records import VehicleLink
+    from gcs.mavlink.fleet.fleet_state import VehicleLink
     from gcs.mavlink.fleet.vehicle import Vehicle
 
 STALE_AFTER_S: Final = 2.5

@@ -1,0 +1,62 @@
+"""Types, homes and rates of the simulated vehicles of a scenario, for a seed.
+
+Over terrain a vehicle climbs and sinks no faster than its airframe's rates, by which routes are planned. Over
+flat ground it has the rates of the simulated airframe.
+"""
+
+from __future__ import annotations
+
+import math
+
+from gcs.config.airframe import NamedAirframeTable
+from sim_vehicles.vehicle.faults import Fault, FaultKind
+from sim_vehicles.vehicle.vehicle import VehicleSpec
+from sim_vehicles.world.scenario import Scenario
+
+
+def vehicle_specs(scenario: Scenario, seed: int) -> list[VehicleSpec]:
+    """Return a specification for each agent of the mission file, in order."""
+    simulation = scenario.simulation
+    mission = scenario.config.mission
+    elevation = scenario.config.elevation
+    origin_msl_m = scenario.frame.alt_msl_m
+    shared = scenario.config.airframe
+    dies_at_s = {death.system_id: death.at_s for death in simulation.death.prescribed}
+    return [
+        VehicleSpec(
+            system_id=agent.system_id,
+            east_m=agent.east_m,
+            north_m=agent.north_m,
+            course_rad=math.radians(agent.course_deg),
+            alt_rel_m=mission.altitude_rel_m,
+            forward_speed_m_s=agent.speed_m_s or own.speed_m_s or simulation.forward_speed_m_s,
+            max_bank_deg=own.bank_deg,
+            climb_deg=own.climb_deg,
+            climb_m_s=None if elevation is None else own.climb_m_s or shared.climb_m_s,
+            sink_m_s=None if elevation is None else own.sink_m_s or shared.sink_m_s,
+            home_rel_m=0.0
+            if elevation is None
+            else elevation.height_msl_m(agent.east_m, agent.north_m) - origin_msl_m,
+            airborne=True,
+            airframe=simulation.airframe,
+            autopilot="px4" if agent.system_id in simulation.px4 else "ardupilot",
+            survival_probability=simulation.death.survival_probability,
+            death_check_period_s=simulation.death.check_period_s,
+            dies_at_s=dies_at_s.get(agent.system_id),
+            faults=tuple(
+                Fault(FaultKind(fault.kind), fault.at_s, fault.lasts_s)
+                for fault in simulation.faults
+                if fault.system_id == agent.system_id
+            ),
+            seed=seed,
+            parameters=simulation.parameters,
+            gps_noise_std_m=simulation.gps_noise_std_m,
+            key_file=str(scenario.config.links.key_file(scenario.source) or ""),
+            wind_east_m_s=simulation.wind.east_m_s,
+            wind_north_m_s=simulation.wind.north_m_s,
+            gust_std_m_s=simulation.wind.gust_std_m_s,
+            gust_time_s=simulation.wind.gust_time_s,
+        )
+        for agent in scenario.config.agents
+        for own in (scenario.config.airframes.get(agent.airframe, NamedAirframeTable()),)
+    ]
