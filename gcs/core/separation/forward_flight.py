@@ -35,6 +35,9 @@ CLIMB_M_S: Final = 5.0
 _MAX_CLIMB_M_S: Final = 7.5
 """Greatest vertical speed of a change of height."""
 _LOW_SPEED_M_S: Final = 1.0
+_LEAST_AIRSPEED: Final = 0.5
+_GREATEST_AIRSPEED: Final = 2.0
+"""Airspeeds, by the cruising speed, between which an estimate of the wind is plausible."""
 _ROUNDING_M: Final = 1e-3
 """More than rounding adds to a simulated way."""
 _CLIMB_SPREAD: Final = 0.4
@@ -118,9 +121,8 @@ class Flight:
         """Return the time of a straight leg, east and north, and of a way round circles."""
         wind_m_s = math.hypot(*self.wind_m_s)
         airspeed = self.airspeed_m_s
-        along, _ = _over_ground(math.atan2(*leg_m), airspeed, *self.wind_m_s)
         around = max(airspeed - wind_m_s * wind_m_s / airspeed, _LOW_SPEED_M_S)
-        return math.hypot(*leg_m) / float(along) + circle_m / around
+        return leg_time_s(leg_m, airspeed, self.wind_m_s) + circle_m / around
 
     def reach_m(self, for_s: float) -> float:
         """Return an upper bound of the distance from its place after some time."""
@@ -158,6 +160,29 @@ def airspeed_m_s(speed_m_s: float, course_rad: float, wind_m_s: tuple[float, flo
     along = east * math.sin(course_rad) + north * math.cos(course_rad)
     squared = speed_m_s * (speed_m_s - 2.0 * along) + east * east + north * north
     return max(math.sqrt(max(squared, 0.0)), _LOW_SPEED_M_S)
+
+
+def plausible_wind_m_s(
+    reported_m_s: tuple[float, float] | None, speed_m_s: float, course_rad: float, cruise_m_s: float
+) -> tuple[float, float]:
+    """Return the wind that a vehicle reports; none where its airspeed would be no such aeroplane's.
+
+    Parameters
+    ----------
+    speed_m_s, course_rad : float
+        Speed over ground and course.
+    cruise_m_s : float
+        Airspeed at which it cruises.
+    """
+    wind_m_s = reported_m_s or (0.0, 0.0)
+    share = airspeed_m_s(speed_m_s, course_rad, wind_m_s) / cruise_m_s
+    return wind_m_s if _LEAST_AIRSPEED < share < _GREATEST_AIRSPEED else (0.0, 0.0)
+
+
+def leg_time_s(leg_m: tuple[float, float], airspeed: float, wind_m_s: tuple[float, float]) -> float:
+    """Return the time of a straight leg, east and north."""
+    along, _ = _over_ground(math.atan2(*leg_m), airspeed, *wind_m_s)
+    return math.hypot(*leg_m) / float(along)
 
 
 def simulate_flights(flights: Sequence[Flight], for_s: float, step_s: float = STEP_S) -> FlightPaths:

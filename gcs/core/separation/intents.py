@@ -33,6 +33,7 @@ from gcs.core.separation.forward_flight import (
     Goal,
     GoalKind,
     airspeed_m_s,
+    plausible_wind_m_s,
 )
 from gcs.core.separation.records import FirstClimb
 from gcs.core.state import Agent
@@ -53,9 +54,6 @@ _CIRCLE_RADIUS_M: Final = 60.0
 """Default WP_LOITER_RAD of ArduPlane."""
 _RETURN_HEIGHT_M: Final = 100.0
 """Default RTL_ALTITUDE of ArduPlane, for a vehicle that did not tell its own."""
-_LEAST_AIRSPEED: Final = 0.5
-_GREATEST_AIRSPEED: Final = 2.0
-"""Airspeeds, by the cruising speed, between which an estimate of the wind is plausible."""
 _STRAIGHT_RAD_S: Final = 0.03
 _SETTLED: Final = 0.3
 """Relative difference of the distance from the centre and the radius of a turn on a circle."""
@@ -188,10 +186,10 @@ class Intents:
 
     def _wind_m_s(self, state: VehicleState) -> tuple[float, float]:
         """Return the wind that a vehicle estimates; none where its airspeed would be no such aeroplane's."""
-        wind_m_s = self._agents[state.system_id].link.wind_m_s or (0.0, 0.0)
-        share = airspeed_m_s(state.ground_speed_m_s, state.course_rad, wind_m_s)
-        share /= self._airframes[state.system_id].speed_m_s
-        return wind_m_s if _LEAST_AIRSPEED < share < _GREATEST_AIRSPEED else (0.0, 0.0)
+        vehicle = state.system_id
+        reported_m_s = self._agents[vehicle].link.wind_m_s
+        flown = state.ground_speed_m_s, state.course_rad
+        return plausible_wind_m_s(reported_m_s, *flown, self._airframes[vehicle].speed_m_s)
 
     def reach_m(self, state: VehicleState, for_s: float) -> float:
         """Return the greatest distance that a vehicle flies over ground in some time: downwind."""

@@ -21,6 +21,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
 from gcs.config.airframe import AgentAirframe
+from gcs.core.separation.forward_flight import leg_time_s, plausible_wind_m_s
 from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.mavlink.autopilots.modes import AUTO
@@ -70,12 +71,12 @@ class LandingOrder:
         """
         vehicle = route.vehicle
         speed_m_s = self._airframes[vehicle].speed_m_s
-        flown_m = route.length_m + _length_m(return_m)
+        flown_s = self._flown_s(route, return_m)
         climb_s = 0.0
         if is_on_ground(self._fleet.state(vehicle), self._fleet.home(vehicle)):
             altitude_rel_m = self._config.takeoff_altitude_rel_m(route.layer)
             climb_s = self._airframes[vehicle].climb_length_m(altitude_rel_m) / speed_m_s
-        earliest_ns = t_ns + ns(climb_s + flown_m / speed_m_s)
+        earliest_ns = t_ns + ns(climb_s + flown_s)
         place_m = (float(return_m[-1, 0]), float(return_m[-1, 1]))
         others = dict(self._landings(vehicle, place_m, t_ns))
         lands_ns = earliest_ns
@@ -239,6 +240,30 @@ class LandingOrder:
                 return t_ns + ns(left_s)
         return planned_ns if planned_ns > t_ns and (wanted is not None or not grounded) else None
 
+    def _wind_m_s(self, vehicle: int) -> tuple[float, float]:
+        """Return the wind that a vehicle in the air reports; none before it does."""
+        state = self._fleet.state(vehicle)
+        if state is None or is_on_ground(state, self._fleet.home(vehicle)):
+            return 0.0, 0.0
+        reported_m_s = self._agents[vehicle].link.wind_m_s
+        flown = state.ground_speed_m_s, state.course_rad
+        return plausible_wind_m_s(reported_m_s, *flown, self._airframes[vehicle].speed_m_s)
+
+    def _flown_s(self, route: Route, return_m: FloatArray) -> float:
+        """Return the time of a route and its return route; turns take as long as without wind."""
+        speed_m_s = self._airframes[route.vehicle].speed_m_s
+        flown_m = route.length_m + _length_m(return_m)
+        wind_m_s = self._wind_m_s(route.vehicle)
+        state = self._fleet.state(route.vehicle)
+        if state is None or wind_m_s == (0.0, 0.0):
+            return flown_m / speed_m_s
+        place_m = state.east_m, state.north_m
+        legs_m = np.diff(np.vstack((place_m, route.flown_m, return_m)), axis=0)
+        in_wind_s = sum(
+            leg_time_s((east_m, north_m), speed_m_s, wind_m_s) for east_m, north_m in legs_m.tolist()
+        )
+        return flown_m / speed_m_s + in_wind_s - float(np.hypot(*legs_m.T).sum()) / speed_m_s
+
     def _left_s(self, vehicle: int, place_m: Point, seq: int, *, is_begun: bool = True) -> float | None:
         """Return the time until a vehicle lands by its mission; None if it does not.
 
@@ -251,9 +276,11 @@ class LandingOrder:
             return None
         if is_begun and items[0].command in (dialect.MAV_CMD_NAV_LOITER_TIME, dialect.MAV_CMD_NAV_TAKEOFF):
             return None  # as planned
+        wind_m_s = self._wind_m_s(vehicle)
         for item in items:
             there_m = self._frame.to_local(item.x * 1e-7, item.y * 1e-7)
-            left_s += math.dist(place_m, there_m) / self._airframes[vehicle].speed_m_s
+            leg_m = there_m[0] - place_m[0], there_m[1] - place_m[1]
+            left_s += leg_time_s(leg_m, self._airframes[vehicle].speed_m_s, wind_m_s)
             left_s += item.param1 if item.command == dialect.MAV_CMD_NAV_LOITER_TIME else 0.0
             place_m = there_m
         return left_s

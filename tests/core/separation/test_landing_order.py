@@ -61,6 +61,33 @@ def test_a_wait_needs_more_room_in_wind():
     assert LandingOrder(config, None, {})._corner(1, return_m, grid, []) == 0
 
 
+@pytest.mark.parametrize(("wind_m_s", "is_later"), [((0.0, -8.0), True), ((0.0, 0.0), False), (None, False)])
+def test_a_landing_time_is_that_of_the_speed_over_ground(wind_m_s, is_later):
+    """In a head wind of 8 m/s a way of 1,000 m takes twice as long as the airspeed of 18 m/s says."""
+    sky = Sky(STRIP[0], field=LANDING).fly(30.0)
+    stages = sky.run_.engine.stages
+    sky.run_.engine.state.agents[1].link.wind_m_s = wind_m_s
+    state = stages.fleet.state(1)
+    items = sky.run_.engine.state.agents[1].tasking.onboard.items[state.mission_seq :]
+    to_local = sky.run_.scenario.config.local_frame.to_local
+    places_m = [(state.east_m, state.north_m), *(to_local(item.x * 1e-7, item.y * 1e-7) for item in items)]
+    east_wind, north_wind = wind_m_s or (0.0, 0.0)
+    expected_s = 0.0
+    for east_m, north_m in np.diff(np.array(places_m), axis=0):
+        length_m = np.hypot(east_m, north_m)
+        along = (east_wind * east_m + north_wind * north_m) / length_m
+        across = (east_wind * north_m - north_wind * east_m) / length_m
+        expected_s += length_m / (along + np.sqrt(18.0**2 - across**2))
+    left_s = stages.return_routes._landing_order._left_s(1, places_m[0], state.mission_seq)
+    assert left_s == pytest.approx(expected_s)
+    calm_s = np.hypot(*np.diff(np.array(places_m), axis=0).T).sum() / 18.0
+    assert bool(left_s > 1.1 * calm_s) is is_later
+    agent = sky.run_.engine.state.agents[1]
+    whole_m = agent.routes.latest.length_m + np.hypot(*np.diff(agent.routes.return_m, axis=0).T).sum()
+    flown_s = stages.return_routes._landing_order._flown_s(agent.routes.latest, agent.routes.return_m)
+    assert bool(flown_s > 1.1 * whole_m / 18.0) is is_later
+
+
 def test_a_vehicle_that_lands_alone_does_not_wait():
     sky = Sky(STRIP[0], field=LANDING).fly(30.0)
     commands = [item.command for item in sky.planes[1].autopilot.mission]
