@@ -80,7 +80,8 @@ def plan_routes(
         goals = [grid.nearest_inside(targets[label]) for label in labels]
         search: RouteSearch | TerrainSearch
         if terrain is not None:
-            search = TerrainSearch(terrain, grid, starts, goals, options)
+            velocities_m_s = [one.velocity_m_s for one in needs]
+            search = TerrainSearch(terrain, grid, starts, goals, options, velocities_m_s)
             notes += unreached_notes(vehicles, labels, search.costs)
         else:
             search = RouteSearch(grid, starts, goals, needs, options)

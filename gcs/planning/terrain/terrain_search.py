@@ -1,7 +1,8 @@
 """Routes of a plan over terrain: costs of all pairs of agents and targets, and the route of one pair.
 
-Maps of the band are made once for each grid and airframe, and fields once for each target. A moving target is
-flown to where it is at the begin of the routes: its intercept is left to later plans.
+Maps of the band are made once for each grid and airframe, and fields once for each place. Costs are those to
+where targets are at the begin of the routes. The route to a moving one leads to where the agent meets it: the
+predicted place is corrected by the length of the path there, and is inside the map and the band.
 """
 
 from __future__ import annotations
@@ -35,6 +36,9 @@ from gcs.planning.terrain.terrain_map import BandPose, Goal, TerrainMap, make_te
 
 _MARGINS_M: Final = (15.0, 40.0)
 """Tracking margins to plan with, the least one first."""
+_MAX_CORRECTIONS: Final = 8
+"""Predicted places of a target that are tried."""
+_MEETING_TOLERANCE_M: Final = 10.0
 ALLOWED_M: Final = 3.0
 """Distance by which a simulated flight may leave the band."""
 
@@ -64,8 +68,10 @@ class TerrainSearch:
         agents: Sequence[AgentState],
         targets: Sequence[Point],
         options: PlanOptions,
+        velocities_m_s: Sequence[Point] = (),
     ) -> None:
         self.agents = agents
+        self._velocities_m_s = velocities_m_s
         self._terrain = terrain
         self._grid = grid
         self._targets = targets
@@ -108,6 +114,7 @@ class TerrainSearch:
         way_out = self._ways_out.get(i)
         target_m = self._targets[j]
         if way_out is None:
+            target_m = self._meeting_m(i, j)
             band = band_of(self._terrain, self._grid, options.clearance_m, 0.0)
             levels = levels_of(self._terrain, self._grid, options)
             tries = [(level.terrain, _goal(level, target_m, options)) for level in levels]
@@ -123,6 +130,33 @@ class TerrainSearch:
         if way_out is not None and way_out.ends_short(goal):
             return route, None
         return route, goal.place_m or target_m
+
+    def _meeting_m(self, i: int, j: int) -> Point:
+        """Return where agent i meets target j, as far as paths lead there within the horizon."""
+        east_m, north_m = self._targets[j]
+        agent = self.agents[i]
+        options = self._options_of(agent)
+        v_east, v_north = self._velocities_m_s[j] if self._velocities_m_s else (0.0, 0.0)
+        speed_m_s = math.hypot(v_east, v_north)
+        level = levels_of(self._terrain, self._grid, options)[0]
+        length_m = float(self.costs[i, j])
+        reached_s = 0.0
+        meets_s = math.inf
+        for _ in range(_MAX_CORRECTIONS):
+            wanted_s = min(agent.start_delay_s + length_m / agent.speed_m_s, options.horizon_s)
+            meets_s = min(wanted_s, meets_s)
+            if speed_m_s * abs(meets_s - reached_s) <= _MEETING_TOLERANCE_M:
+                break
+            place_m = east_m + v_east * meets_s, north_m + v_north * meets_s
+            goal = _goal(level, place_m, options) if self._grid.contains(place_m) else None
+            there_m = float(cost_matrix(level.terrain, [_start(agent)], [goal])[0, 0])
+            if math.isfinite(there_m):
+                length_m = there_m
+                reached_s = meets_s
+                meets_s = math.inf
+            else:
+                meets_s = 0.5 * (reached_s + meets_s)
+        return east_m + v_east * reached_s, north_m + v_north * reached_s
 
     def _options_of(self, agent: AgentState) -> PlanOptions:
         return agent.options or self._options
