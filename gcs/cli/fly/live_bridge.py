@@ -9,7 +9,7 @@ from rich.console import Console
 from gcs.config import Config, parse, read_text
 from gcs.errors import ConfigError
 from gcs.io.cluster.bridge_settings import bridge_settings
-from gcs.io.service_manager import watched
+from gcs.io.systemd import watched
 from gcs.service.bridge import Bridge
 from gcs.service.bridge_process import open_bridge
 from gcs.service.resume import default_path

@@ -29,7 +29,7 @@ from gcs.io.cluster.all_bridges import AllBridges
 from gcs.io.event_loop import on_loop
 from gcs.io.recording.folder import Run
 from gcs.io.recording.recorder_thread import RecorderThread
-from gcs.io.service_manager import watched
+from gcs.io.systemd import watched
 from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.key_expressions import events_key
 from gcs.io.zenoh.session import ZenohSession, from_this_machine, service_bus
@@ -54,8 +54,8 @@ _GIVE_WAY_S: Final = 10.0
 
 
 @dataclass(frozen=True)
-class RunFiles:
-    """Files of a run."""
+class RunStorage:
+    """Where a run is recorded, and what it continues from."""
 
     recording: Path | None
     journal: Path | None
@@ -70,7 +70,7 @@ def serve(
     console: Console,
     *,
     headless: bool,
-    files: RunFiles,
+    storage: RunStorage,
     clock: RunClock,
     page: PageOptions = DEFAULT_PAGE,
     is_standby: bool = False,
@@ -96,7 +96,7 @@ def serve(
             "tcp/127.0.0.1:7448; the same mission file is for all",
         )
     start = 1
-    out = files.recording
+    out = storage.recording
     if config.links.standby and not is_supervised_by_system():
         start = supervise_node(partial(_say_on, console))
         if out is not None and start > 1:
@@ -104,7 +104,7 @@ def serve(
     warm_up(console, *flying(config))
     follows = is_standby or is_bridge_of_other_node(config, source, config.mavlink_links)
     connected = bridges_for_standby if follows else bridges_of
-    journal = Journal(files.journal or default_path(config.name), config.name, fingerprint(text, seed))
+    journal = Journal(storage.journal or default_path(config.name), config.name, fingerprint(text, seed))
     name = f"{config.name}-{datetime.now(tz=UTC):%Y%m%d-%H%M%S}"
     with (
         off_loop(console) as view,
@@ -123,7 +123,7 @@ def serve(
             fingerprint=journal.belongs_to,
             clock=clock,
             page=page,
-            resume=files.resume,
+            resume=storage.resume,
             headless=headless,
             is_standby=is_standby,
             is_started_again=start > 1,

@@ -36,7 +36,7 @@ from gcs.planning.plan_result import PlanResult
 from gcs.planning.planner import plan_mission
 from gcs.planning.planner_inputs import AgentState, MissionInputs
 from gcs.planning.team_routes import Stage
-from gcs.report.plots.plan import PlanDrawing, draw_plan
+from gcs.report.plots.plan_figure import PlanDrawing, draw_plan
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,7 +34,7 @@ from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import APPROACH_M, Effect, Label, Route, VehicleState
-from gcs.model.names import hold_label, home_label
+from gcs.model.vehicle_ids import hold_label, home_label
 from gcs.planning.forward_simulation import predict_motion
 from gcs.planning.map.grid import Point
 from gcs.planning.plan_result import PlanResult, choose_new

@@ -41,6 +41,7 @@ from gcs.mavlink.autopilots.modes import AUTO
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.frames.codec import Message
+from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.upload_state import UploadState
 from gcs.model import (
@@ -301,9 +302,8 @@ class UploadManager:
             self._fleet.forward_next_heartbeat(vehicle)
             return []
         empty = self._missions.empty(vehicle)
-        return self._active.clear(
-            UploadState.of_mission(empty, self._default_home, profile, inconsistent=True), t_ns
-        )
+        items = build_items(profile, empty, self._default_home)
+        return self._active.clear(UploadState.of_mission(empty, items, profile, inconsistent=True), t_ns)
 
     def _may_clear(self, vehicle: int, t_ns: int) -> bool:
         """Return True if an inconsistent mission may be cleared: no other station commands the vehicle.
@@ -429,19 +429,18 @@ class UploadManager:
         self.state.mission_count += 1
         mission = self._missions.of(route, self.state.mission_count, state, return_route, climb)
         from_ground = is_on_ground(state, fleet.home(vehicle))
+        items = build_items(profile, mission, home, from_ground=from_ground)
         tasking = self._agents[vehicle].tasking
         link = fleet.link(vehicle)
         upload = UploadState.of_mission(
             mission,
-            home,
+            items,
             profile,
             old=None if tasking.onboard is None else tasking.onboard.items,
             inconsistent=tasking.is_inconsistent,
             current=state.mission_seq if state is not None and state.mission_seq >= 0 else None,
-            from_ground=from_ground,
             round_trip_s=self._active.round_trip_s(link) or self._agents[vehicle].link.requests.round_trip_s,
         )
-        items = upload.transfer.sending.items
         if self._bounds is not None:
             problem = self._bounds.problem(items[profile.home_items :], state)
             if problem is None and state is not None:

@@ -19,6 +19,7 @@ from gcs.mavlink.fleet.peers import Address
 from gcs.mavlink.frames.codec import (
     GCS_COMPONENT_ID,
     GCS_SYSTEM_ID,
+    OWN_IDS,
     Encoder,
     Frame,
     Message,
@@ -106,4 +107,4 @@ def _may_be_heartbeat(data: bytes) -> bool:
 
 
 def _is_ours(frame: Frame) -> bool:
-    return is_heartbeat(frame) and (frame.system_id, frame.component_id) == (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
+    return is_heartbeat(frame) and (frame.system_id, frame.component_id) == OWN_IDS
