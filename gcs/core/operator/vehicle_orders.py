@@ -147,7 +147,9 @@ class Orders:
         """Run the timers."""
         effects: list[Effect] = []
         flights = self._order_check.predict(t_ns)
+        due = self._waiting.due(t_ns)
         for vehicle in self._agents:
-            effects += self._waiting.poll(vehicle, flights)
+            if vehicle in due:
+                effects += self._waiting.poll(vehicle, flights)
             effects += self._commands.poll(vehicle, t_ns)
         return effects

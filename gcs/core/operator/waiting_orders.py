@@ -25,6 +25,8 @@ from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.model import Authority, Effect, Notice, NoticeCode, Order, Parameter
 
+MAX_CHECKS: Final = 4
+"""Orders that are checked at a tick; others at the next ones. Each takes some 10 ms in a fleet of 400."""
 _MIN_TURNS: Final = 5
 """Least number of checks between two plans of one vehicle's return."""
 
@@ -89,14 +91,21 @@ class WaitingOrders:
         parameters: dict[str, Parameter] = {"action": order.action, "reason": problem}
         return [Notice(order.t_ns, NoticeCode.ORDER_WAITS, vehicle, parameters)]
 
+    def due(self, t_ns: int) -> list[int]:
+        """Return the vehicles whose orders are checked at this tick, those first that wait longest for it."""
+        waiting = {v: agent.orders.waiting for v, agent in self._agents.items()}
+        checks_t_ns = {v: one.next_check_t_ns for v, one in waiting.items() if one is not None}
+        found = [vehicle for vehicle, check_t_ns in checks_t_ns.items() if check_t_ns <= t_ns]
+        return sorted(found, key=checks_t_ns.__getitem__)[:MAX_CHECKS]
+
     def poll(self, vehicle: int, flights: PredictedFlights) -> list[Effect]:
-        """Carry out an order that waits once its vehicle is clear; end it if somebody else takes over.
+        """Carry out an order that is `due` once its vehicle is clear; end it if somebody else takes over.
 
         The flights are predicted anew after a change of one.
         """
         waiting = self._agents[vehicle].orders.waiting
         t_ns = flights.t_ns
-        if waiting is None or t_ns < waiting.next_check_t_ns:
+        if waiting is None:
             return []
         waiting.next_check_t_ns = t_ns + WAIT_PERIOD_NS
         order = self._operator.orders[waiting.order].order

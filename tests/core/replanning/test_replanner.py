@@ -314,3 +314,34 @@ def test_an_agent_that_has_its_target_behind_it_is_not_left_to_it():
     desk = arriving(velocity=(-15.0, 0.0))
     desk.targets[A] = (1500.0, 245.0)
     assert desk.check(60.0).changed == (1,)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_vehicles_that_keep_their_routes_keep_them_without_new_ones(monkeypatch, seed):
+    """With hundreds of vehicles, to shape a route for each took longer than a scan."""
+    rng = np.random.default_rng(seed)
+    labels = (A, B, C)
+    starts = {v: tuple(rng.uniform(100.0, 1900.0, 2).tolist()) for v in (1, 2, 3)}
+    targets = {label: tuple(rng.uniform(100.0, 1900.0, 2).tolist()) for label in labels}
+    desk = Desk(dict(starts), dict(targets))
+    plain = Desk(dict(starts), dict(targets))
+    monkeypatch.setattr(plain.replanner, "_settled", lambda *_: {})
+    shaped = []
+    for t_s in range(0, 60, 5):
+        for label in labels:
+            if rng.random() < 0.3:
+                east_m, north_m = rng.uniform(-120.0, 120.0, 2).tolist()
+                targets[label] = (targets[label][0] + east_m, targets[label][1] + north_m)
+        gone = labels[rng.integers(3)] if rng.random() < 0.2 else None
+        for one in (desk, plain):
+            one.targets.clear()
+            one.targets.update({label: place for label, place in targets.items() if label != gone})
+        made, wanted = desk.check(t_s), plain.check(t_s)
+        assert (made is None) is (wanted is None)
+        if made is not None and wanted is not None:
+            assert made.changed == wanted.changed
+            assert made.unassigned_vehicles == wanted.unassigned_vehicles
+            assert made.unassigned_targets == wanted.unassigned_targets
+            assert all(a.is_same(b) for a, b in zip(made.routes, wanted.routes, strict=True))
+            shaped.append(len(made.routes) - len(made.changed))
+    assert any(shaped)

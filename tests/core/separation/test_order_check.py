@@ -1,9 +1,12 @@
 """An order would lead a vehicle into another one: a return through its circle, a hold beside it."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from helpers.sky import LANDING, Sky, fly_on, give, place, with_one_home
 
+from gcs.core.operator.waiting_orders import MAX_CHECKS
 from gcs.core.separation.order_check import _Conflict
 from gcs.model import NoticeCode
 from sim_vehicles.autopilots.autopilot_traits import Mode
@@ -43,6 +46,30 @@ def test_a_return_that_waits_begins_when_the_other_has_left():
     assert states(sky, "return", 2) == ["done"]
     ((_, notice),) = sky.told(NoticeCode.ORDER_BEGINS)
     assert (notice.vehicle, notice.parameters["action"]) == (2, "return")
+
+
+def test_many_orders_that_wait_are_checked_a_few_at_a_tick(monkeypatch):
+    """The checks of forty at one tick took 0.3 s: scans and heartbeats waited."""
+    starts = [(300.0 + 250.0 * k, 600.0 + 500.0 * (k % 4), 60.0 + 20.0 * k) for k in range(10)]
+    sky = with_one_home(Sky(*starts), (1500.0, -300.0))
+    give(sky, "return")
+    fly_on(sky, 1.0)
+    order_check = sky.run_.engine.stages.orders._order_check
+    problem = order_check.problem
+    checks = []
+
+    def noted(vehicle, modes, flights):
+        checks.append((flights.t_ns, vehicle))
+        return problem(vehicle, modes, flights)
+
+    monkeypatch.setattr(order_check, "problem", noted)
+    fly_on(sky, 3.0)
+    agents = sky.run_.engine.state.agents
+    waiting = [vehicle for vehicle, agent in agents.items() if agent.orders.waiting is not None]
+    assert len(waiting) > MAX_CHECKS
+    assert max(Counter(t_ns for t_ns, _ in checks).values()) == MAX_CHECKS
+    assert min(Counter(v for _, v in checks if v in waiting).values()) >= 2
+    assert {v for _, v in checks} >= set(waiting)
 
 
 @pytest.mark.parametrize("action", ["resume", "hold"])
