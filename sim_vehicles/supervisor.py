@@ -107,7 +107,7 @@ class Supervisor:
         waits = plan.waits_for_ground
         tls = "" if plan.zenoh_tls is None else str(plan.zenoh_tls)
         arguments = WorldArguments(scenario.source, plan.seed, plan.zenoh, plan.zenoh_role, waits, tls)
-        world = self._spawn("world.process", arguments)
+        world = self._spawn("world.world_process", arguments)
         truth = "127.0.0.1", int(self._await_ready(world).split()[1])
         specs = [replace(spec, waits_for_ground=waits) for spec in vehicle_specs(scenario, plan.seed)]
         ground = self._elevation_file()
@@ -120,7 +120,7 @@ class Supervisor:
             for i in range(0, len(specs), plan.pack):
                 pack = specs[i : i + plan.pack]
                 vehicles = VehicleArguments(scenario.frame, pack, plan.gcs, truth, plan.loss, ground)
-                self._spawn("vehicle.process", vehicles, tuple(spec.system_id for spec in pack))
+                self._spawn("vehicle.vehicle_process", vehicles, tuple(spec.system_id for spec in pack))
         for child in self.children[1:]:
             self._await_ready(child, _AIRBORNE_TIMEOUT_S if plan.sitl else _READY_TIMEOUT_S)
             for system_id in child.system_ids:
