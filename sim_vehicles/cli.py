@@ -105,6 +105,7 @@ def run(
     faults: FaultsOption = None,
     as_json: JsonLinesOption = False,
     until_stdin_closes: Annotated[bool, typer.Option(hidden=True)] = False,
+    await_ground_station: Annotated[bool, typer.Option(hidden=True)] = False,
 ) -> None:
     """Fly the vehicles of a scenario until Ctrl-C.
 
@@ -125,7 +126,8 @@ def run(
     plan = SimulationPlan(
         loaded, seed, speed, *connections, pack, loss, waits, firmware, sitl_folder, zenoh_tls=zenoh_tls
     )
-    _supervise(plan, as_json, sys.stdin.fileno() if until_stdin_closes else None)
+    stdin = sys.stdin.fileno() if until_stdin_closes else None
+    _supervise(plan, as_json, stdin, awaits_ground_station=await_ground_station)
 
 
 @app.command()
@@ -186,8 +188,13 @@ def _address(text: str) -> tuple[str, int]:
         raise typer.BadParameter(f"{problem}: {text!r}", param_hint="--gcs") from None
 
 
-def _supervise(plan: SimulationPlan, as_json: bool, stdin: int | None = None) -> None:
-    """Run a simulated world until Ctrl-C, SIGTERM, or the end of `stdin` (a file descriptor)."""
+def _supervise(
+    plan: SimulationPlan, as_json: bool, stdin: int | None = None, *, awaits_ground_station: bool = False
+) -> None:
+    """Run a simulated world until Ctrl-C, SIGTERM, or the end of `stdin` (a file descriptor).
+
+    With `awaits_ground_station` it starts when standard input has a line HOST:PORT.
+    """
     from sim_vehicles.supervisor import Supervisor
 
     console = console_for(stderr=True)
@@ -203,7 +210,10 @@ def _supervise(plan: SimulationPlan, as_json: bool, stdin: int | None = None) ->
     with exit_on_error():
         try:
             supervisor.start()
-            _watch(supervisor, stdin)
+            line = sys.stdin.readline().strip() if awaits_ground_station else ""
+            if line or not awaits_ground_station:
+                supervisor.begin(_address(line) if line else None)
+                _watch(supervisor, stdin)
         except KeyboardInterrupt:
             pass
         finally:

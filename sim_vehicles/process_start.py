@@ -1,7 +1,7 @@
-"""Start of the processes of a simulated world: their arguments as JSON, and the common clock.
+"""Start of the processes of a simulated world: their arguments as JSON, and the common start.
 
 The supervisor runs ``python -m MODULE JSON``, with the JSON of a class below. The process prints ``ready``,
-reads the clock as one JSON line, and ends when its standard input closes.
+reads the start as one JSON line, and ends when its standard input closes.
 """
 
 from __future__ import annotations
@@ -34,10 +34,6 @@ class VehicleArguments:
 
     frame: LocalFrame
     specs: list[VehicleSpec]
-    gcs: Address
-    """Ground station."""
-    truth: Address | None = None
-    """Receiver of true states: the simulated world."""
     loss: float = 0.0
     """Fraction of datagrams lost, each way."""
     elevation: str = ""
@@ -49,6 +45,10 @@ class FirmwareArguments:
     """Arguments of the process of one real firmware."""
 
     vehicle: VehicleArguments
+    gcs: Address
+    """Ground station."""
+    truth: Address
+    """Receiver of true states: the simulated world."""
     firmware: Firmware
     binary: str
     instance: int
@@ -80,12 +80,25 @@ class TruthLinkArguments:
 
 
 @dataclass(frozen=True, slots=True)
-class Clock:
-    """Run time `start_t_ns` at the Unix time `epoch_ns`, advancing at `speed`."""
+class Start:
+    """Start of the flight: run time `start_t_ns` at the Unix time `epoch_ns`, advancing at `speed`."""
 
     epoch_ns: int
     start_t_ns: int
     speed: float
+    gcs: Address
+    """Ground station."""
+    truth: Address | None = None
+    """Receiver of true states: the simulated world."""
+
+    def line(self) -> str:
+        """Return the line that a process reads."""
+        return msgspec.json.encode(self).decode() + "\n"
+
+    @property
+    def clock(self) -> RunClock:
+        """The common clock."""
+        return RunClock(self.epoch_ns, self.start_t_ns, self.speed)
 
 
 def save_elevation(elevation: Elevation, path: Path) -> None:
@@ -113,10 +126,10 @@ def read_arguments(arguments_type: type[T]) -> T:
     return msgspec.json.decode(sys.argv[1], type=arguments_type)
 
 
-def await_clock(ready: str = "ready", idle: Callable[[], None] | None = None) -> RunClock | None:
-    """Report that this process is ready, and return the clock; None if standard input closed.
+def await_start(ready: str = "ready", idle: Callable[[], None] | None = None) -> Start | None:
+    """Report that this process is ready, and return the start; None if standard input closed.
 
-    `idle` is called again and again until the clock comes.
+    `idle` is called again and again until it comes.
     """
     sys.stdout.write(f"{ready}\n")
     sys.stdout.flush()
@@ -125,5 +138,4 @@ def await_clock(ready: str = "ready", idle: Callable[[], None] | None = None) ->
     line = sys.stdin.buffer.readline()
     if not line.strip():
         return None
-    clock = msgspec.json.decode(line, type=Clock)
-    return RunClock(clock.epoch_ns, clock.start_t_ns, clock.speed)
+    return msgspec.json.decode(line, type=Start)

@@ -1,6 +1,6 @@
 """Supervisor of the processes of a simulated world: one for each vehicle or pack, one for the world.
 
-Each child prints ``ready``, waits for one JSON line with the common clock, and ends when its standard input
+Each child prints ``ready``, waits for one JSON line with the common start, and ends when its standard input
 closes, also when the supervisor is killed.
 """
 
@@ -26,6 +26,7 @@ from sim_vehicles.process_start import (
     Address,
     Firmware,
     FirmwareArguments,
+    Start,
     TruthLinkArguments,
     VehicleArguments,
     WorldArguments,
@@ -92,10 +93,12 @@ class Supervisor:
     plan: SimulationPlan
     report: Callable[[dict[str, Any]], None]
     children: list[Child] = field(default_factory=list)
+    _truth: Address = ("", 0)
+    """Receiver of true states."""
     _stack: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
 
     def start(self) -> None:
-        """Start all processes, wait until they are ready, and send them the common clock.
+        """Start all processes, and wait until they are ready.
 
         Raises
         ------
@@ -108,24 +111,29 @@ class Supervisor:
         tls = "" if plan.zenoh_tls is None else str(plan.zenoh_tls)
         arguments = WorldArguments(scenario.source, plan.seed, plan.zenoh, plan.zenoh_role, waits, tls)
         world = self._spawn("world.world_process", arguments)
-        truth = "127.0.0.1", int(self._await_ready(world).split()[1])
+        if plan.sitl or plan.truth_links:
+            self._await_world(world)  # they send true states before the start
         specs = [replace(spec, waits_for_ground=waits) for spec in vehicle_specs(scenario, plan.seed)]
         ground = self._elevation_file()
         if plan.truth_links:
             for link in plan.truth_links:
-                self._spawn("world.truth_link", TruthLinkArguments(link, truth))
+                self._spawn("world.truth_link", TruthLinkArguments(link, self._truth))
         elif plan.sitl:
-            self._spawn_firmware(specs, truth, ground)
+            self._spawn_firmware(specs, ground)
         else:
             for i in range(0, len(specs), plan.pack):
                 pack = specs[i : i + plan.pack]
-                vehicles = VehicleArguments(scenario.frame, pack, plan.gcs, truth, plan.loss, ground)
+                vehicles = VehicleArguments(scenario.frame, pack, plan.loss, ground)
                 self._spawn("vehicle.vehicle_process", vehicles, tuple(spec.system_id for spec in pack))
+            self._await_world(world)
         for child in self.children[1:]:
             self._await_ready(child, _AIRBORNE_TIMEOUT_S if plan.sitl else _READY_TIMEOUT_S)
             for system_id in child.system_ids:
                 self.report({"event": "vehicle", "system_id": system_id, "pid": child.process.pid})
-        self._send_clock()
+
+    def _await_world(self, world: Child) -> None:
+        """Wait until the world is ready, and note where it receives true states."""
+        self._truth = "127.0.0.1", int(self._await_ready(world).split()[1])
 
     def _elevation_file(self) -> str:
         """Write the elevation model of the scenario into a file until the end; return its name, or ""."""
@@ -137,7 +145,7 @@ class Supervisor:
         save_elevation(elevation, path)
         return str(path)
 
-    def _spawn_firmware(self, specs: Sequence[VehicleSpec], truth: Address, ground: str) -> None:
+    def _spawn_firmware(self, specs: Sequence[VehicleSpec], ground: str) -> None:
         plan = self.plan
         sitl = plan.sitl
         folder = self._firmware_folder()
@@ -146,9 +154,11 @@ class Supervisor:
             if name not in sitl:
                 (name,) = sitl
             spec = replace(spec, autopilot="px4" if name == "px4" else "ardupilot")
-            vehicle = VehicleArguments(plan.scenario.frame, [spec], plan.gcs, truth, plan.loss, ground)
+            vehicle = VehicleArguments(plan.scenario.frame, [spec], plan.loss, ground)
             own_folder = str(folder / f"{name}-{spec.system_id}")
-            arguments = FirmwareArguments(vehicle, name, str(sitl[name]), instance, plan.speed, own_folder)
+            arguments = FirmwareArguments(
+                vehicle, plan.gcs, self._truth, name, str(sitl[name]), instance, plan.speed, own_folder
+            )
             self._spawn("autopilots.firmware_process", arguments, (spec.system_id,))
 
     def _firmware_folder(self) -> Path:
@@ -190,16 +200,17 @@ class Supervisor:
             raise SimulationError(f"{name} did not start: see the messages above")
         return line
 
-    def _send_clock(self) -> None:
+    def begin(self, gcs: Address | None = None) -> None:
+        """Send all processes the common clock; `gcs` is the ground station, by default that of the plan."""
         # Whole milliseconds: true states are stamped in microseconds.
         epoch_ns = (time.time_ns() + int(_HEAD_START_S * NS_PER_S)) // 1_000_000 * 1_000_000
-        clock = {"epoch_ns": epoch_ns, "start_t_ns": epoch_ns, "speed": self.plan.speed}
-        line = json.dumps(clock) + "\n"
+        speed = self.plan.speed
+        line = Start(epoch_ns, epoch_ns, speed, gcs or self.plan.gcs, self._truth).line()
         for child in self.children:
             assert child.process.stdin is not None
             child.process.stdin.write(line)
             child.process.stdin.flush()
-        self.report({"event": "started", **clock})
+        self.report({"event": "started", "epoch_ns": epoch_ns, "start_t_ns": epoch_ns, "speed": speed})
 
     def newly_ended(self) -> Iterator[Child]:
         """Yield the children that ended since the last call."""

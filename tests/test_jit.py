@@ -178,10 +178,21 @@ def test_tests_that_call_no_kernel_wait_for_no_compilation(tmp_path):
     assert not list((tmp_path / "cache").rglob("*.nb?"))
 
 
-@pytest.mark.parametrize("start", ["gcs.cli.fly.demo_flight", "gcs.cli.fly.live_service"])
-def test_a_flight_starts_without_libraries_that_only_reports_need(start):
-    """They take as long to import as a quarter of all else."""
-    unused = "filterpy", "scipy.stats", "matplotlib"
+REPORTING = "filterpy", "scipy.stats", "matplotlib"
+
+
+@pytest.mark.parametrize(
+    ("start", "unused"),
+    [
+        ("gcs.cli.fly.demo_flight", REPORTING),
+        ("gcs.cli.fly.live_service", REPORTING),
+        ("gcs.cli.fly.demo_simulation", (*REPORTING, "numba", "scipy")),
+        ("sim_vehicles.vehicle.vehicle_process", (*REPORTING, "numba", "scipy")),
+        ("sim_vehicles.world.world_process", (*REPORTING, "numba", "scipy")),
+    ],
+)
+def test_a_flight_starts_without_libraries_that_it_does_not_need(start, unused):
+    """They take as long to import as a quarter of all else, and half of the simulated world."""
     code = f"import sys, {start}; print([name for name in {unused} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

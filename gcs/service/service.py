@@ -11,7 +11,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 from gcs.config import Config
@@ -43,6 +43,7 @@ from gcs.model import (
     Datagram,
     Effect,
     Event,
+    LaggedPicture,
     LinkNews,
     MissionEnded,
     Notice,
@@ -345,7 +346,10 @@ class Service:
                 self._put(LinkNews(Notice(self.clock.now_ns(), NoticeCode.KEY_MISSING, vehicle)))
 
     def _process(self, event: Event, frames: FrameTable | None = None) -> bool:
-        """Record an event, step the engine and carry out its effects; return True if the mission ended."""
+        """Record an event, step the engine and carry out its effects; return True if the mission ended.
+
+        Pictures leave before the rest of a scan is processed: a plan for hundreds of vehicles takes long.
+        """
         snapshot = None if self.recorder is None else self._snapshots.before(event, self.engine.state)
         if snapshot is not None:
             self._record(lambda recorder: recorder.record_snapshot(snapshot))
@@ -353,20 +357,26 @@ class Service:
         for sink in self.sinks:
             sink.event(event)
         started = time.perf_counter()
-        effects = self._step(event, frames)
+        effects: list[Effect] = []
+        shown = 0
+        for effect in self._step(event, frames):
+            effects.append(effect)
+            if len(effects) == shown + 1 and isinstance(effect, Picture | LaggedPicture | Notice):
+                self._carry_out(event.t_ns, effect)
+                shown += 1
         took_ms = (time.perf_counter() - started) * 1e3
         if isinstance(event, Scan):
             self.health.scan_ms.append(took_ms)
-        for effect in effects:
+        for effect in effects[shown:]:
             if isinstance(effect, Plan):
                 self.health.plan_ms.append(took_ms)
             self._carry_out(event.t_ns, effect)
         return any(isinstance(effect, MissionEnded) for effect in effects)
 
-    def _step(self, event: Event, frames: FrameTable | None) -> list[Effect]:
+    def _step(self, event: Event, frames: FrameTable | None) -> Iterator[Effect]:
         """Step the engine. If a state from a journal turns out to be wrong, continue without it."""
         try:
-            return self.engine.step(event, frames)
+            yield from self.engine.effects(event, frames)
         except Exception as error:
             if not self._is_resumed:
                 raise
@@ -376,7 +386,6 @@ class Service:
             self._record(lambda recorder: recorder.record_snapshot(snapshot))
             problem = f"its state makes no sense ({error!r})"
             self.on_notice("journal", NoticeCode.JOURNAL_REFUSED, problem=problem)
-            return []
 
     def _carry_out(self, t_ns: int, effect: Effect) -> None:
         payload = b""

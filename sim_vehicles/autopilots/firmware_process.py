@@ -1,8 +1,8 @@
 """Process around one real firmware: starts and launches it, and forwards its frames.
 
 With `FirmwareArguments` it starts the firmware in a folder and brings the vehicle into LOITER above its
-start. Then it behaves as a `vehicle_process`: one UDP socket to the ground station, and the true
-state to the simulated world. The firmware of a lost vehicle is killed.
+start. Then it behaves as a `vehicle_process`: one UDP socket to the ground station, and
+the true state to the simulated world. The firmware of a lost vehicle is killed.
 
 A firmware that is slower than nine tenths of the run's speed causes a warning on standard error: results of
 such a run are not valid.
@@ -46,7 +46,7 @@ from sim_vehicles.error_output import print_message
 from sim_vehicles.process_start import (
     Address,
     FirmwareArguments,
-    await_clock,
+    await_start,
     read_arguments,
 )
 from sim_vehicles.vehicle.faults import FaultChange, FaultKind, Faults, fault_changes
@@ -153,9 +153,8 @@ class FirmwareHost:
         self._receiver = Outbox(spec.system_id)
         self._towards_gcs = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._towards_gcs.setblocking(False)
-        assert vehicle.truth is not None
-        self._gcs = vehicle.gcs
-        self._world = vehicle.truth
+        self._gcs = arguments.gcs
+        self._world = arguments.truth
         self._loss = vehicle.loss
         self._rng = np.random.default_rng([spec.seed, spec.system_id])
         self._death_rng = np.random.default_rng([spec.seed, zlib.crc32(b"death"), spec.system_id])
@@ -417,10 +416,10 @@ def main() -> int:
         signal.signal(number, lambda *_: sys.exit(0))
     host = FirmwareHost(arguments)
     try:
-        if host.bring_up() and (clock := await_clock(idle=host.beat)) is not None:
-            host.set_speed(clock.speed)
-            host.begin(clock.start_t_ns)
-            fly(host, clock)
+        if host.bring_up() and (start := await_start(idle=host.beat)) is not None:
+            host.set_speed(start.speed)
+            host.begin(start.start_t_ns)
+            fly(host, start.clock)
             return int(host.has_failed)
     except SimulationError as error:
         sys.stderr.write(f"vehicle {host.spec.system_id}: {error}\n")

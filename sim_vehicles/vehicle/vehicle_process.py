@@ -29,7 +29,7 @@ from sim_vehicles.error_output import print_message
 from sim_vehicles.process_start import (
     Address,
     VehicleArguments,
-    await_clock,
+    await_start,
     load_elevation,
     read_arguments,
 )
@@ -161,18 +161,18 @@ def main() -> None:
     SimVehicle(arguments.specs[0], arguments.frame, 0).advance(0)
     keys = {spec.system_id: _key(spec) for spec in arguments.specs}
     elevation = load_elevation(arguments.elevation)
-    clock = await_clock()
-    if clock is None:
+    start = await_start()
+    if start is None:
         return
     with contextlib.ExitStack() as stack:
         hosts = []
         for spec in arguments.specs:
             key = keys.get(spec.system_id)
-            vehicle = SimVehicle(spec, arguments.frame, clock.start_t_ns, key, elevation)
-            host = Host(vehicle, clock.start_t_ns, arguments.gcs, arguments.truth, arguments.loss)
+            vehicle = SimVehicle(spec, arguments.frame, start.start_t_ns, key, elevation)
+            host = Host(vehicle, start.start_t_ns, start.gcs, start.truth, arguments.loss)
             stack.enter_context(host.socket)
             hosts.append(host)
-        fly(hosts, clock)
+        fly(hosts, start.clock)
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs.io.clock import RunClock
 from sim_vehicles.autopilots.firmware import true_place, truth_messages
 from sim_vehicles.error_output import print_message
-from sim_vehicles.process_start import Address, TruthLinkArguments, await_clock, read_arguments
+from sim_vehicles.process_start import Address, TruthLinkArguments, await_start, read_arguments
 from sim_vehicles.vehicle.frames import Outbox
 
 _POLL_S = 0.01
@@ -126,10 +126,10 @@ def main() -> int:
     except OSError as error:
         sys.stderr.write(f"{arguments.link}: {error.strerror or error}; is the simulation running?\n")
         return 1
-    clock = await_clock()
-    if clock is not None:
+    start = await_start()
+    if start is not None:
         with contextlib.redirect_stdout(sys.stderr):
-            forward_truth(link, clock, arguments.truth)
+            forward_truth(link, start.clock, arguments.truth)
     return 0
 
 

@@ -34,7 +34,7 @@ from gcs.io.zenoh.scans import encode_scan
 from gcs.io.zenoh.session import ZenohSession
 from gcs.model import Scan, TruthObject
 from sim_vehicles.autopilots.mission_protocol import NEVER_NS
-from sim_vehicles.process_start import WorldArguments, await_clock, read_arguments
+from sim_vehicles.process_start import WorldArguments, await_start, read_arguments
 from sim_vehicles.world.scenario import Scenario, load
 from sim_vehicles.world.world import World
 
@@ -227,10 +227,11 @@ def main() -> None:
     receiver = TruthReceiver(scenario)
     tls = Path(arguments.zenoh_tls) if arguments.zenoh_tls else None
     with ZenohSession(**{arguments.zenoh_role: arguments.zenoh}, tls=tls) as bus:
-        clock = await_clock(f"ready {receiver.port}")
-        if clock is not None:
-            moves_from_t_ns = NEVER_NS if arguments.waits_for_ground else clock.start_t_ns
-            fly(World(scenario, arguments.seed, clock.start_t_ns, moves_from_t_ns), receiver, bus, clock)
+        start = await_start(f"ready {receiver.port}")
+        if start is not None:
+            moves_from_t_ns = NEVER_NS if arguments.waits_for_ground else start.start_t_ns
+            world = World(scenario, arguments.seed, start.start_t_ns, moves_from_t_ns)
+            fly(world, receiver, bus, start.clock)
 
 
 if __name__ == "__main__":

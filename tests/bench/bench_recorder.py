@@ -15,7 +15,8 @@ from typing import Any
 
 from rich.console import Console
 
-from gcs.cli.fly.demo_flight import DemoOptions, run_demo
+from gcs.cli.fly.demo_flight import run_demo
+from gcs.cli.fly.demo_simulation import DemoOptions, DemoSimulation
 from gcs.io.recording.part import RecordingPart
 from gcs.io.recording.recorder_thread import RecorderThread
 from gcs.service.service import Service
@@ -70,7 +71,8 @@ def main() -> None:
             scenario=options.scenario, speed=1.0, seed=1, headless=True, out=folder,
             duration_s=options.duration, as_json=False, loss=0.0, pack=options.pack,
         )  # fmt: skip
-        run_demo(demo, Console(quiet=True))
+        with DemoSimulation(demo) as simulation:
+            run_demo(demo, simulation, Console(quiet=True))
         mcap_mb = sum(path.stat().st_size for path in folder.glob("*.mcap")) / 1e6
     wall_s = spent_ns["wall"] / 1e9
     name, rate_hz = Path(options.scenario).stem, record_count / wall_s

@@ -13,7 +13,8 @@ from helpers.noticed import noticed
 from helpers.wall_clock import WallClock
 from rich.console import Console
 
-from gcs.cli.fly.demo_flight import DemoOptions, run_demo
+from gcs.cli.fly.demo_flight import run_demo
+from gcs.cli.fly.demo_simulation import DemoOptions, DemoSimulation
 from gcs.cli.prepare.preflight_checks import ScanListener, run_preflight
 from gcs.config import load
 from gcs.core.preflight.mission_checks import sensor_checks
@@ -110,8 +111,8 @@ def test_a_mission_is_flown_to_its_end_while_the_wall_clock_is_set(
     folder = tmp_path / "run"
     options = DemoOptions(str(short_mission(tmp_path)), 1, SPEED, None, 0.0, 4, True, False, folder)
     try:
-        with (tmp_path / "lines").open("w") as lines:
-            code = run_demo(options, Console(file=lines, width=200))
+        with (tmp_path / "lines").open("w") as lines, DemoSimulation(options) as simulation:
+            code = run_demo(options, simulation, Console(file=lines, width=200))
     finally:
         started.set()
         ended.set()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import selectors
 import socket
@@ -18,7 +17,7 @@ from gcs.config import parse, read_text
 from gcs.config.key_overrides import override_keys
 from gcs.geo import LocalFrame
 from gcs.io.zenoh.session import free_endpoint
-from sim_vehicles.process_start import VehicleArguments, process_command
+from sim_vehicles.process_start import Start, VehicleArguments, process_command
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 
 FENCE = 'fence.areas=[{kind="exclusion", circle=[33.2, -87.57, 50.0]}]'
@@ -59,7 +58,7 @@ def field(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 @contextmanager
 def vehicle_process(specs: Sequence[VehicleSpec], frame: LocalFrame, port: int) -> Iterator[None]:
     """Fly vehicles in a process of their own, which send to a UDP port of this machine."""
-    arguments = VehicleArguments(frame, specs, ("127.0.0.1", port))
+    arguments = VehicleArguments(frame, list(specs))
     command = process_command("vehicle.vehicle_process", arguments)
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert process.stdin is not None
@@ -69,7 +68,7 @@ def vehicle_process(specs: Sequence[VehicleSpec], frame: LocalFrame, port: int) 
         assert selector.select(30), "the vehicles did not come up"
     process.stdout.readline()
     now_ns = time.time_ns()
-    process.stdin.write(json.dumps({"epoch_ns": now_ns, "start_t_ns": now_ns, "speed": 1.0}) + "\n")
+    process.stdin.write(Start(now_ns, now_ns, 1.0, ("127.0.0.1", port)).line())
     process.stdin.flush()
     try:
         yield

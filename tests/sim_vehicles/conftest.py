@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import selectors
 import subprocess
@@ -14,7 +13,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.geo import LocalFrame
-from sim_vehicles.process_start import VehicleArguments, process_command
+from sim_vehicles.process_start import Start, VehicleArguments, process_command
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 S = 1_000_000_000
@@ -132,7 +131,7 @@ def start_process() -> Iterator[Callable[..., subprocess.Popen[str]]]:
         stderr: int | None = None,
     ) -> subprocess.Popen[str]:
         truth = ("127.0.0.1", truth_port) if truth_port else None
-        arguments = VehicleArguments(FRAME, list(specs), ("127.0.0.1", port), truth, loss)
+        arguments = VehicleArguments(FRAME, list(specs), loss)
         command, pipe = process_command("vehicle.vehicle_process", arguments), subprocess.PIPE
         process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=stderr, text=True)
         running.append(process)
@@ -143,7 +142,7 @@ def start_process() -> Iterator[Callable[..., subprocess.Popen[str]]]:
             assert selector.select(30), "the vehicle did not come up"
         assert process.stdout.readline() == "ready\n"
         now_ns = time.time_ns()
-        process.stdin.write(json.dumps({"epoch_ns": now_ns, "start_t_ns": now_ns, "speed": speed}) + "\n")
+        process.stdin.write(Start(now_ns, now_ns, speed, ("127.0.0.1", port), truth).line())
         process.stdin.flush()
         return process
 

@@ -72,7 +72,8 @@ def demo(
     summary, a recording and a picture. Ctrl-C ends it early; the recording stays readable.
     """
     from gcs.cli.console_options import PageOptions
-    from gcs.cli.fly.demo_flight import DemoOptions, run_demo
+    from gcs.cli.fly.demo_simulation import DemoOptions, DemoSimulation
+    from gcs.config import parse, read_text
 
     options = DemoOptions(
         scenario,
@@ -92,5 +93,12 @@ def demo(
     is_json = log_format is LogFormat.JSON
     console = console_for(stderr=as_json, as_json=is_json)
     with exit_on_error(console if is_json else None):
-        code = run_demo(options, console)
+        options.check()
+        parse(*read_text(options.scenario))
+        with DemoSimulation(options) as simulation:
+            if not options.sitl:
+                simulation.start()
+            from gcs.cli.fly.demo_flight import run_demo  # while the vehicles start
+
+            code = run_demo(options, simulation, console)
     raise typer.Exit(code)

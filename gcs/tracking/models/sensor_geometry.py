@@ -12,7 +12,6 @@ import math
 import numpy as np
 
 from gcs.model import BoolArray, FloatArray, Polar, Sensor, read_only
-from gcs.terrain.line_of_sight import visible_share
 
 MAX_DETECTION_PROBABILITY = 0.999
 """Cap of the announced detection probability: a single miss must not end a track."""
@@ -133,6 +132,8 @@ def covers(sensor: Sensor, places_m: FloatArray) -> BoolArray:
     """Return True for each position (n, 2) in the field of view where terrain hides no part of an object."""
     inside = _is_in_field(sensor, places_m)
     if sensor.visibility is not None:
+        from gcs.terrain.line_of_sight import visible_share  # Loads numba.
+
         inside &= visible_share(sensor.visibility, places_m) >= _MIN_SHARE
     return inside
 

@@ -9,14 +9,16 @@ so that it converges on slopes below 45 degrees from the sensor's line of sight.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from gcs.model import FloatArray, Polar, Sensor, Viewpoint
 from gcs.terrain.elevation_grid import Elevation
-from gcs.terrain.line_of_sight import LineOfSight, line_of_sight
 from gcs.tracking.models.sensor_geometry import map_coordinates
+
+if TYPE_CHECKING:
+    from gcs.terrain.line_of_sight import LineOfSight
 
 _CLEAR_M: Final = 1.0
 """Least height of a sensor above the ground of an elevation model."""
@@ -46,6 +48,8 @@ def sensor_reach_m(sensor: Sensor, viewpoint: Viewpoint) -> float:
 
 def sensor_line_of_sight(elevation: Elevation, sensor: Sensor, viewpoint: Viewpoint) -> LineOfSight:
     """Return the shadows in the field of view of a sensor."""
+    from gcs.terrain.line_of_sight import line_of_sight  # Loads numba.
+
     place_m = viewpoint.east_m, viewpoint.north_m
     alt_msl_m = sensor_alt_msl_m(elevation, viewpoint)
     return line_of_sight(elevation, place_m, alt_msl_m, sensor_reach_m(sensor, viewpoint))

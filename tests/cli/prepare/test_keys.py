@@ -15,7 +15,7 @@ from gcs.cli import app
 from gcs.geo import LocalFrame
 from gcs.io.signing.keystore import read_keys
 from gcs.mavlink.frames.signing import fingerprint, passphrase_key
-from sim_vehicles.process_start import VehicleArguments, process_command
+from sim_vehicles.process_start import Start, VehicleArguments, process_command
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 
 
@@ -34,14 +34,14 @@ def plane():
     """A vehicle on the ground in a process of its own; gives the endpoint where it is heard."""
     port = free_port()
     spec = VehicleSpec(3, 0.0, 0.0, 0.0, 0.0, 15.0, airborne=False)
-    arguments = VehicleArguments(LocalFrame(33.2, -87.6, 70.0), [spec], ("127.0.0.1", port))
+    arguments = VehicleArguments(LocalFrame(33.2, -87.6, 70.0), [spec])
     command = process_command("vehicle.vehicle_process", arguments)
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdin is not None
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
         t_ns = time.time_ns()
-        process.stdin.write(json.dumps({"epoch_ns": t_ns, "start_t_ns": t_ns, "speed": 1.0}) + "\n")
+        process.stdin.write(Start(t_ns, t_ns, 1.0, ("127.0.0.1", port)).line())
         process.stdin.flush()
         yield f"udpin:127.0.0.1:{port}"
         process.stdin.close()
