@@ -30,7 +30,7 @@ from gcs.core.separation.aircraft import AirTraffic
 from gcs.core.separation.landing_order import LandingOrder
 from gcs.core.separation.look_ahead import Encounter
 from gcs.core.separation.order_check import OrderCheck
-from gcs.core.separation.records import Avoidance
+from gcs.core.separation.separation_state import Avoidance
 from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import flown_points, is_hold, route_heights_msl_m
 from gcs.core.tasking.upload_manager import UploadManager

@@ -1,4 +1,4 @@
-"""Forward simulation of many vehicles at once.
+"""Forward flight: where many vehicles will be in the next seconds, with their climbs.
 
 Each vehicle flies from goal to goal: it turns towards a waypoint with its planned turn rate and flies on
 straight, or follows a vector field round a circle. At distance d from the centre of a circle of radius R the

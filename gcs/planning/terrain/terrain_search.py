@@ -1,4 +1,4 @@
-"""Routes of a plan over terrain: costs of all pairs of agents and targets, and the route of one pair.
+"""Search over terrain: costs of all pairs of agents and targets, and the route of one pair.
 
 Maps of the band are made once for each grid and airframe, and fields once for each target. A moving target is
 flown to where it is at the begin of the routes: its intercept is left to later plans.
@@ -10,7 +10,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final
 
 import numpy as np
 
@@ -19,18 +18,13 @@ from gcs.planning.map.grid import Grid, Point
 from gcs.planning.planner_inputs import AgentState, PlanOptions
 from gcs.planning.terrain.band import FlightBand, Vertical, make_band
 from gcs.planning.terrain.first_rise import with_low_first_point
-from gcs.planning.terrain.flown_route import FlightModel, plan_flown_route
+from gcs.planning.terrain.flown_route import ALLOWED_M, MARGINS_M, FlightModel, plan_flown_route
 from gcs.planning.terrain.goal import cost_matrix
 from gcs.planning.terrain.ground import Terrain
 from gcs.planning.terrain.limited_band import block_closed, limit_band
 from gcs.planning.terrain.loiter_circles import CircleMap, goal_at_target, make_circle_map
 from gcs.planning.terrain.route import TerrainRoute
 from gcs.planning.terrain.terrain_map import BandPose, Goal, TerrainMap, make_terrain_map
-
-_MARGINS_M: Final = (15.0, 40.0)
-"""Tracking margins to plan with, the least one first."""
-ALLOWED_M: Final = 3.0
-"""Distance by which a simulated flight may leave the band."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,9 +99,7 @@ def levels_of(terrain: Terrain, grid: Grid, options: PlanOptions) -> list[Level]
     assert loiter is not None
     vertical = Vertical(options.climb_gradient, options.sink_gradient)
     radii_m = options.turn_radius_m, max(loiter.radius_m, options.turn_radius_m)
-    return [
-        _level(terrain, grid, options.clearance_m, margin_m, radii_m, vertical) for margin_m in _MARGINS_M
-    ]
+    return [_level(terrain, grid, options.clearance_m, margin_m, radii_m, vertical) for margin_m in MARGINS_M]
 
 
 @lru_cache(maxsize=8)
