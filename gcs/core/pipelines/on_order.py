@@ -1,4 +1,4 @@
-"""Orders of operators."""
+"""Orders of operators: which part of the engine carries out which action."""
 
 from __future__ import annotations
 
