@@ -3,7 +3,7 @@
 In reading order:
 
 - `vehicle`: one vehicle: `paper_airframe`, `banked_airframe`, `guidance`; `message_handlers`, `telemetry` for
-  MAVLink; `packet_loss`; its `process` in real time.
+  MAVLink; `packet_loss`; its `vehicle_process` in real time.
 - `autopilots`: ArduPlane and PX4 (`autopilot_traits`, `arduplane`, `px4`), `failsafe`, `fence`, `parameters`,
   `commands` and mission protocols, and real firmware in the loop (`firmware`, `firmware_process`).
 - `world`: `scenario` (the `[simulation]` table), targets, sensors, ground truth, and their process.

@@ -95,6 +95,11 @@ class TerrainTable(Table, frozen=True, kw_only=True):
     min_agl_m: Annotated[float, Meta(ge=0.0, le=10_000.0)] = 50.0
     max_agl_m: Annotated[float, Meta(gt=0.0, le=10_000.0)] = 120.0
 
+    @property
+    def flown_min_agl_m(self) -> float:
+        """Least height above ground of what is flown: half of that for which routes are planned."""
+        return 0.5 * self.min_agl_m
+
 
 class AgentTable(Table, frozen=True, kw_only=True):
     """One agent: MAVLink network, system id and start."""

@@ -17,11 +17,11 @@ from gcs.core.airspace.airspace_state import AirspaceState
 from gcs.core.authority.authority_state import AgentAuthority, AuthorityState
 from gcs.core.authority.derived_claims import derived_claims
 from gcs.core.flight.flight_state import AgentFlight, FlightState
-from gcs.core.operator.records import AgentOrders, OperatorState
+from gcs.core.operator.operator_state import AgentOrders, OperatorState
 from gcs.core.perception.perception_state import AgentPerception, PerceptionState
 from gcs.core.preflight.preflight_state import AgentReturn
-from gcs.core.replanning.records import AgentRoutes, ReplanningState
-from gcs.core.separation.records import AgentSeparation, SeparationState
+from gcs.core.replanning.replanning_state import AgentRoutes, ReplanningState
+from gcs.core.separation.separation_state import AgentSeparation, SeparationState
 from gcs.core.takeoff.takeoff_state import AgentTakeoff, TakeoffState
 from gcs.core.tasking.tasking_state import AgentTasking, TaskingState
 from gcs.mavlink.fleet.fleet_state import FleetState, VehicleLink

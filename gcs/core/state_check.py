@@ -24,7 +24,7 @@ from typing import Any, Final
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.core.replanning.records import AgentRoutes
+from gcs.core.replanning.replanning_state import AgentRoutes
 from gcs.core.state import Agent, State
 from gcs.core.tasking.tasking_state import OnboardMission
 from gcs.mavlink.autopilots import profile_of

@@ -6,8 +6,8 @@ State order everywhere: ``[east_m, north_m, v_east_m_s, v_north_m_s]``.
 
 Events go into `gcs.core`, effects come out. Both are plain data, so a recording is a list of them. In reading
 order: `basics` (labels, time), `sensors` (and their scans), `picture` (tracks, vehicle states), `plans`,
-`orders`, `control` (authority over a vehicle), `flight` (its phase and health), `status` (of the swarm),
-`notices` (and their table, `notice_codes`), `events`, `effects`, `truth` (simulations), `names`.
+`orders`, `authority` (who controls a vehicle), `flight_phase` (and health), `status` (of the swarm),
+`notices` (and their table, `notice_codes`), `events`, `effects`, `truth` (simulations), `vehicle_ids`.
 """
 
 from gcs.model.authority import Authority, AuthorityWord, Claim, Claims, Control, ControlEvent, Suspension

@@ -1,4 +1,4 @@
-"""Routes, plans and missions."""
+"""Records of routes, plans and missions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers as displays show them."""
+"""Rounding of numbers as displays show them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sensor models and scans."""
+"""Records of sensor models and scans."""
 
 from __future__ import annotations
 

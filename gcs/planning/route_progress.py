@@ -1,4 +1,4 @@
-"""Progress of a vehicle along a route.
+"""Progress of a vehicle along a route: which points it has passed.
 
 A vehicle flies on while a new mission is uploaded. It joins the route at its current position, not at the
 first waypoint.

@@ -1,4 +1,4 @@
-"""Line of sight from a place over the terrain.
+"""Line of sight from a sensor over the terrain: which places it sees.
 
 Along each bearing a ray runs outwards from a height h. The ground at range r has the slope (ground(r) - h)
 / r. The greatest slope nearer than r is the horizon, and an object at r is in sight above the line h +

@@ -1,7 +1,7 @@
 """Process around one real firmware: starts and launches it, and forwards its frames.
 
 With `FirmwareArguments` it starts the firmware in a folder and brings the vehicle into LOITER above its
-start. Then it behaves as `sim_vehicles.vehicle.vehicle_process`: one UDP socket to the ground station, and
+start. Then it behaves as a `vehicle_process`: one UDP socket to the ground station, and
 the true state to the simulated world. The firmware of a lost vehicle is killed.
 
 A firmware that is slower than nine tenths of the run's speed causes a warning on standard error: results of

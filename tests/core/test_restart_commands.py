@@ -10,7 +10,7 @@ from helpers.ordered_flight import SEED, flight_with_a_restart, order
 from helpers.staging import S
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.core.operator.records import Command, OrderInProgress
+from gcs.core.operator.operator_state import Command, OrderInProgress
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.mavlink.frames.codec import decode as decode_frames
 from gcs.mavlink.services.command_sender import CommandSender, command_long, set_mode

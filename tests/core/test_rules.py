@@ -28,7 +28,7 @@ MODULES = {
 }
 MAX_COLLABORATORS = 7
 VALUES = ("gcs.model", "gcs.config", "gcs.geo", "gcs.endpoints", "gcs.core.state")
-STATE = re.compile(r"(gcs\.[\w.]+)\.(?:records|lease_messages|\w+_state)")
+STATE = re.compile(r"(gcs\.[\w.]+)\.(?:lease_messages|\w+_state)")
 """Modules of the records of a package: `gcs.core.state`, `gcs.core.tasking.tasking_state`."""
 MUTATORS = frozenset(
     {"add", "append", "clear", "discard", "extend", "insert", "pop", "remove", "setdefault", "update"}

@@ -57,7 +57,7 @@ class MissionBoundsCheck:
         self._areas = held_areas(config, config.name)
         self._ceiling_m = config.max_alt_rel_m
         self._elevation = config.elevation
-        self._least_agl_m = 0.0 if config.terrain is None else 0.5 * config.terrain.min_agl_m
+        self._least_agl_m = 0.0 if config.terrain is None else config.terrain.flown_min_agl_m
         self._keeps_clear = config.planning.shape == "flyable" and config.planning.clearance_m > 0.0
 
     def problem(self, items: Sequence[Item], state: VehicleState | None) -> BoundsProblem | None:

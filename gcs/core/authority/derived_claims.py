@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from typing import Final
 
 from gcs.core.authority.authority_state import AgentAuthority
-from gcs.core.operator.records import AgentOrders
-from gcs.core.replanning.records import AgentRoutes
+from gcs.core.operator.operator_state import AgentOrders
+from gcs.core.replanning.replanning_state import AgentRoutes
 from gcs.core.takeoff.takeoff_state import AgentTakeoff
 from gcs.core.tasking.tasking_state import AgentTasking
 from gcs.core.tasking.terminal_phase import terminal_phase

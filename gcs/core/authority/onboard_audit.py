@@ -1,4 +1,4 @@
-"""Onboard mission audit: download and compare.
+"""Onboard mission audit: after a restart, or in doubt, the mission of a vehicle is downloaded and compared.
 
 While the service is down, or a vehicle is not heard, another station may upload a mission to it. So the
 onboard mission is downloaded afterwards, before a new upload. If it differs from the last verified one, the

@@ -10,7 +10,7 @@ from gcs.core.airspace.incursion_warning import IncursionWarnings
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import ObstacleMap, closed_area
 from gcs.core.operator.arrived_agents import leave_zones
-from gcs.core.operator.records import OrderInProgress
+from gcs.core.operator.operator_state import OrderInProgress
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.replanning.stacked_missions import StackedMissions

@@ -1,4 +1,4 @@
-"""Commands of orders to vehicles, each repeated until the vehicle's heartbeat shows its result.
+"""Commands of orders to vehicles, repeated until the heartbeat shows the result.
 
 An order suspends its vehicle at once: it is not tasked, whatever the result of the command. An upload in
 progress is ended safely first. The commands are sent by `gcs.mavlink.services.command_sender`.
@@ -15,7 +15,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.core.operator.records import Command
+from gcs.core.operator.operator_state import Command
 from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.separation.landing_order import LandingOrder
 from gcs.core.separation.order_check import OrderCheck

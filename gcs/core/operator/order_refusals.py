@@ -1,4 +1,4 @@
-"""Orders to vehicles that are refused, and orders that would change nothing.
+"""Refusals of orders to vehicles: what is not possible, not safe, or would change nothing.
 
 No order leads a vehicle into another one (`gcs.core.separation.order_check`): an order to resume is refused
 then. Orders to hold or return wait instead (`gcs.core.operator.waiting_orders`). A vehicle that returns or

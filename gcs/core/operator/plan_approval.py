@@ -1,4 +1,4 @@
-"""Plans that wait for an operator's approval (`planning.retask = "confirm"`).
+"""Approval of plans: those that wait for the operator (`planning.retask = "confirm"`), and for how long.
 
 Each proposal has a number. Nothing is uploaded before it is confirmed, as a whole or for some vehicles. Until
 then every vehicle flies its present mission.
@@ -19,8 +19,8 @@ from dataclasses import replace
 
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
+from gcs.core.operator.operator_state import OperatorState, OrderInProgress
 from gcs.core.operator.plan_figures import PlanFigures
-from gcs.core.operator.records import OperatorState, OrderInProgress
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.state import Agent, flown_routes, without_missions

@@ -1,4 +1,4 @@
-"""Figures of proposed routes, and the changes that make a plan a different one.
+"""Figures of proposed routes, and which changes make a plan a different one.
 
 The figures are those of the flight that is forward-simulated from the plan: the flight until the mission
 arrives, or ground roll and climb, then the legs with their turns, and the loiter circle. A vehicle turns with

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from gcs.core.flight.phases import FlightPhases
-from gcs.core.operator.records import OrderInProgress
+from gcs.core.operator.operator_state import OrderInProgress
 from gcs.core.state import Agent
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground

@@ -1,4 +1,4 @@
-"""Missions that stand still: no agent that is left can be tasked, so that only the operator can go on.
+"""Standstill: told when no agent that is left can be tasked, so that only the operator can go on.
 
 A vehicle that a failsafe brought home circles there until a pilot lands it or an operator resumes it. Such a
 mission has not ended: a resumed vehicle continues it. The operator is told once what is left and why, and
@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from gcs.core.operator.records import Standstill
+from gcs.core.operator.operator_state import Standstill
 from gcs.core.state import Agent, with_status
 from gcs.mavlink.services.retry import ns
 from gcs.model import Authority, Effect, Notice, NoticeCode, vehicle_name

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from gcs.core.operator.records import TargetSettings
+from gcs.core.operator.operator_state import TargetSettings
 from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.state import State, flown_routes, reached

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from gcs.core.operator.records import OperatorState, OrderInProgress, TargetSettings
+from gcs.core.operator.operator_state import OperatorState, OrderInProgress, TargetSettings
 from gcs.core.perception.track_lifecycle import TrackConfirmation
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.state import Agent

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container
 
+from gcs.core.operator.operator_state import OrderInProgress
 from gcs.core.operator.order_commands import MODES, REPLACED, OrderCommands
 from gcs.core.operator.order_refusals import OrderRefusals
-from gcs.core.operator.records import OrderInProgress
 from gcs.core.operator.return_missions import ReturnMissions
 from gcs.core.operator.waiting_orders import WaitingOrders
 from gcs.core.replanning.planned_flights import AltitudeLayers

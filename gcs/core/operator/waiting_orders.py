@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
+from gcs.core.operator.operator_state import WAIT_PERIOD_NS
 from gcs.core.operator.order_commands import MODES, OrderCommands, ordered_modes
 from gcs.core.operator.order_refusals import OrderRefusals
-from gcs.core.operator.records import WAIT_PERIOD_NS
 from gcs.core.operator.return_missions import MAX_UPLOAD_NS, ReturnMissions
 from gcs.core.replanning.stacked_missions import StackedMissions
 from gcs.core.separation.order_check import OrderCheck

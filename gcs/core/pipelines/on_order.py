@@ -1,10 +1,10 @@
-"""Orders of operators."""
+"""Orders of operators: which part of the engine carries out which action."""
 
 from __future__ import annotations
 
 from gcs.core.authority.override_notices import overridden_text
 from gcs.core.operator.arrived_agents import continue_mission
-from gcs.core.operator.records import OrderInProgress
+from gcs.core.operator.operator_state import OrderInProgress
 from gcs.core.pipelines.changes import apply_statuses
 from gcs.core.pipelines.planning import plan_now
 from gcs.core.stages import Stages

@@ -1,4 +1,4 @@
-"""Continuation after an outage of the service."""
+"""Continuation of audits and uploads after an outage of the service."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scans of sensors: from the arrival to the plan."""
+"""Scans of sensors: from their arrival to the plan, step by step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Timers: what happens although no message comes."""
+"""Timers: what happens at each tick although no message comes; tracking by reports alone."""
 
 from __future__ import annotations
 

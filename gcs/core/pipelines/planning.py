@@ -1,4 +1,4 @@
-"""Plans, and the missions that they send; the end of the mission."""
+"""Plans when they are due, the missions that they send, and the end of the mission."""
 
 from __future__ import annotations
 

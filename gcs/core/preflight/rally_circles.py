@@ -91,7 +91,7 @@ class RallyCircles:
             return
         low_msl_m = self._home_msl_m + point.alt_rel_m + self._end_m
         above_m = low_msl_m - float(np.nanmax(ground_msl_m))
-        least_m = 0.5 * terrain.min_agl_m
+        least_m = terrain.flown_min_agl_m
         if above_m < least_m:
             raised_m = point.alt_rel_m + math.ceil(least_m - above_m)
             yield (

@@ -426,7 +426,7 @@ class VehicleChecks:
         ground_m = elevation.heights_at((home_m + share * (points_m - home_m)).reshape(-1, 2))
         if not len(points_m) or not np.isfinite(ground_m).any():
             return
-        needed_m = float(np.nanmax(ground_m)) - home.alt_msl_m + 0.5 * self._config.terrain.min_agl_m
+        needed_m = float(np.nanmax(ground_m)) - home.alt_msl_m + self._config.terrain.flown_min_agl_m
         if returns.height_m < needed_m:
             yield self._found(
                 CheckCode.RETURN_INTO_GROUND,
@@ -448,7 +448,7 @@ class VehicleChecks:
         ground_m = elevation.heights_at(home_m + radius_m * DISC)
         if not np.isfinite(ground_m).any():
             return
-        needed_m = float(np.nanmax(ground_m)) - home_msl_m + 0.5 * self._config.terrain.min_agl_m
+        needed_m = float(np.nanmax(ground_m)) - home_msl_m + self._config.terrain.flown_min_agl_m
         if height_m < needed_m:
             yield self._found(
                 CheckCode.RETURN_CIRCLE_INTO_GROUND,

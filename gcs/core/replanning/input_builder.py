@@ -1,4 +1,4 @@
-"""Planning inputs from the current tracks, reports, uploads and statuses."""
+"""Inputs of a plan in flight: from the current tracks, reports, uploads and statuses."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from gcs.core.operator.records import OperatorState
+from gcs.core.operator.operator_state import OperatorState
 from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.core.perception.vehicle_kinematics import VehicleKinematics
 from gcs.core.replanning.inputs import PlanningInputs
-from gcs.core.replanning.records import OtherVehicle
 from gcs.core.replanning.replanner import Replanner
+from gcs.core.replanning.replanning_state import OtherVehicle
 from gcs.core.state import Agent, at_targets, with_status, without_missions
 from gcs.core.tasking.upload_latency import late_s, left_s
 from gcs.core.tasking.upload_manager import UploadManager

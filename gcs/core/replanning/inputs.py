@@ -1,4 +1,4 @@
-"""Inputs of a plan."""
+"""Inputs of a plan as a record."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from gcs.core.perception.vehicle_kinematics import motion_of
-from gcs.core.replanning.records import OtherVehicle
+from gcs.core.replanning.replanning_state import OtherVehicle
 from gcs.model import Label, Track
 from gcs.planning.forward_simulation import Motion
 from gcs.planning.manoeuvres.climb import Climb

@@ -1,4 +1,4 @@
-"""Inputs of a plan that the mission file states."""
+"""Inputs of a plan that the mission file states: map, airframes, terrain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Planner options, demands of targets, and tolerances of routes."""
+"""Planner options from the mission file, demands of targets, and how far routes may differ."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ import numpy as np
 from gcs.config import Config
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.plan_targets import place_of
-from gcs.core.replanning.records import OtherVehicle, ReplanningState
+from gcs.core.replanning.replanning_state import OtherVehicle, ReplanningState
 from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import flown_points
 from gcs.model import FloatArray, Route, VehicleState

@@ -1,4 +1,4 @@
-"""Replanning triggers: each with its kind for counts, and its words for operators."""
+"""Words of the replanning triggers: each with its kind for counts, and its text for operators."""
 
 from __future__ import annotations
 

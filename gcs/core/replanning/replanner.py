@@ -28,7 +28,7 @@ from gcs.core.replanning.mission_inputs import mission_inputs, terrain_of
 from gcs.core.replanning.plan_targets import PlanTargets, vehicle_options
 from gcs.core.replanning.planned_flights import AltitudeLayers, begin_m
 from gcs.core.replanning.reasons import Reason
-from gcs.core.replanning.records import ReplanningState
+from gcs.core.replanning.replanning_state import ReplanningState
 from gcs.core.replanning.triggers import Triggers
 from gcs.core.state import Agent, flown_routes
 from gcs.core.tasking.mission_builder import flown_points

@@ -1,4 +1,4 @@
-"""Returns and holds by missions, for vehicles that RTL or LOITER would keep near each other.
+"""Stacked returns and holds: missions at heights of their own, where RTL or LOITER would meet.
 
 In RTL all vehicles fly straight to one place, each at the return height of its autopilot. Where that leads
 one near another, a mission leads it home instead: a route clear of obstacles in an altitude layer of its own.

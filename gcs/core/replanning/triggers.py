@@ -1,4 +1,4 @@
-"""Replanning triggers: differences between the picture and the routes that vehicles have.
+"""Replanning triggers: how far a target, a vehicle or the map may differ from the routes before a new plan.
 
 Agents and targets that come or go, and a changed map, trigger a plan at once. So does a target that is far
 from the end of its route. The other triggers are checked once a period: agents without a route, targets that
@@ -20,7 +20,7 @@ from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.plan_targets import PlanTargets, is_arriving, place_of, vehicle_options
 from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.replanning.reasons import Reason
-from gcs.core.replanning.records import ReplanningState
+from gcs.core.replanning.replanning_state import ReplanningState
 from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import flown_points
 from gcs.model import NS_PER_S, Label, Route, Track, target_name

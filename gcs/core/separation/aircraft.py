@@ -1,4 +1,4 @@
-"""Aircraft that are not ours: traffic that our vehicles, or receivers on the ground, pass on.
+"""Aircraft that are not ours: those that we know of, how many, and how long they are kept unheard.
 
 ADS-B (ADSB_VEHICLE) and Remote ID (OPEN_DRONE_ID_*), see `gcs.core.separation.traffic_reports`. Several
 vehicles may receive one aircraft: its newest report counts. An aircraft is predicted to fly straight on. Its
@@ -13,7 +13,7 @@ from typing import Final
 
 from gcs.config import Config
 from gcs.core.separation.forward_flight import Flight, Goal, GoalKind
-from gcs.core.separation.records import Aircraft, SeparationState
+from gcs.core.separation.separation_state import Aircraft, SeparationState
 from gcs.core.separation.traffic_reports import (
     FIRST_ADSB,
     remote_id_number,

@@ -30,7 +30,7 @@ from gcs.core.separation.aircraft import AirTraffic
 from gcs.core.separation.landing_order import LandingOrder
 from gcs.core.separation.look_ahead import Encounter
 from gcs.core.separation.order_check import OrderCheck
-from gcs.core.separation.records import Avoidance
+from gcs.core.separation.separation_state import Avoidance
 from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import (
     flown_points,
@@ -55,6 +55,8 @@ _LATEST_S: Final = 6.0
 """Time before a loss of separation from which a hold may leave the flight band."""
 _LATEST_BEFORE_ZONE_S: Final = 8.0
 """Time before a no-fly zone at which a vehicle holds although a new mission is queued."""
+_SOON_S: Final = 4.0
+"""Time for which a hold may be put off."""
 _MIN_HOLD_NS: Final = ns(4.0)
 _MAX_HOLD_NS: Final = ns(60.0)
 _PERIOD_NS: Final = ns(1.0)
@@ -170,10 +172,11 @@ class Avoidances:
         return [notice, *self._command(vehicle, avoidance, LOITER, t_ns)]
 
     def is_last_chance(self, encounter: Encounter, t_ns: int) -> bool:
-        """Return True if none of an encounter could hold a little later, near vehicles or ground."""
+        """Return True if one of an encounter can hold clear of all others now, and none a little later."""
         ours = [vehicle for vehicle in encounter.vehicles if vehicle in self._agents]
         may_hold = [vehicle for vehicle in ours if self._may_hold(vehicle)]
-        return bool(may_hold) and all(self._order_check.holds_too_late(v, t_ns) for v in may_hold)
+        clear = self._order_check.holds_clear
+        return any(clear(v, t_ns) for v in may_hold) and not any(clear(v, t_ns, _SOON_S) for v in may_hold)
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle."""

@@ -1,4 +1,4 @@
-"""Forward simulation of many vehicles at once.
+"""Forward flight: where many vehicles will be in the next seconds, with their climbs.
 
 Each vehicle flies from goal to goal: it turns towards a waypoint with its planned turn rate and flies on
 straight, or follows a vector field round a circle. At distance d from the centre of a circle of radius R the
@@ -152,6 +152,22 @@ class FlightPaths:
             one[step:] for one in (self.east_m, self.north_m, self.low_m, self.high_m)
         )
         return FlightPaths(self.vehicles, east_m, north_m, low_m, high_m)
+
+    def joined(self, later: FlightPaths) -> FlightPaths:
+        """Return the positions up to the last time step, and then those of later flights of the vehicles."""
+        arrays = (
+            np.vstack((one[:-1], other)) for one, other in zip(self._arrays, later._arrays, strict=True)
+        )
+        return FlightPaths(self.vehicles, *arrays)
+
+    def beside(self, others: FlightPaths) -> FlightPaths:
+        """Return the positions of these vehicles and others."""
+        arrays = (np.hstack(both) for both in zip(self._arrays, others._arrays, strict=True))
+        return FlightPaths((*self.vehicles, *others.vehicles), *arrays)
+
+    @property
+    def _arrays(self) -> tuple[FloatArray, ...]:
+        return self.east_m, self.north_m, self.low_m, self.high_m
 
 
 def airspeed_m_s(speed_m_s: float, course_rad: float, wind_m_s: tuple[float, float]) -> float:

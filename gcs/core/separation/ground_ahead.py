@@ -37,7 +37,7 @@ class GroundAhead:
     def __init__(self, config: Config) -> None:
         self._elevation = config.elevation
         self._terrain = config.terrain
-        self.least_m = 0.0 if config.terrain is None else 0.5 * config.terrain.min_agl_m
+        self.least_m = 0.0 if config.terrain is None else config.terrain.flown_min_agl_m
 
     @property
     def is_known(self) -> bool:

@@ -35,7 +35,7 @@ from gcs.core.separation.forward_flight import (
     airspeed_m_s,
     plausible_wind_m_s,
 )
-from gcs.core.separation.records import FirstClimb
+from gcs.core.separation.separation_state import FirstClimb
 from gcs.core.state import Agent
 from gcs.fence import rally_of
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL

@@ -1,4 +1,4 @@
-"""Landing order: landings of missions follow one another.
+"""Landing order: landings of missions follow one another; who waits, and how long.
 
 A mission that lands goes on by itself, whether or not its vehicle is heard. So the order is part of the
 mission: a vehicle that would land at the time of another one waits before, on a circle in its layer, for a

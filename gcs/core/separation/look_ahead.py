@@ -1,4 +1,4 @@
-"""Encounters: pairs of predicted flights that come too near to each other.
+"""Encounters: pairs of predicted flights that will come too near to each other.
 
 Two flights are too near where their horizontal distance is below a minimum that grows with the time ahead,
 and their bands of height are nearer than another minimum. Pairs whose bounding boxes are apart are left out

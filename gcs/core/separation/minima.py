@@ -1,4 +1,4 @@
-"""Minimum distances and heights between vehicles in the air."""
+"""Separation minima: least distances and heights between vehicles in the air."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Traffic before a new mission of a vehicle in the air.
+"""Traffic in the way of a new mission of a vehicle in the air: its upload waits for it.
 
 A new mission leads a vehicle from its present place and height to another layer, or away from its circle.
 Layers separate vehicles only once they are in them. The upload waits while the mission would lead the vehicle
@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from gcs.core.separation.order_check import OrderCheck
-from gcs.core.separation.records import SeparationState
+from gcs.core.separation.separation_state import SeparationState
 from gcs.core.state import Agent
 from gcs.core.tasking.tasking_state import TaskingState
 from gcs.mavlink.services.retry import ns

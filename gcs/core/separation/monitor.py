@@ -1,4 +1,4 @@
-"""Separation monitor: alarms of vehicles that come, or are, too near to each other in the air.
+"""Separation monitor: warnings and alarms of vehicles that come, or are, too near to each other in the air.
 
 Once a second the flights of all vehicles in the air are simulated for `LOOK_AHEAD_S`
 (`gcs.core.separation.forward_flight`). A pair that comes too near is told at once, again shortly before, and
@@ -20,7 +20,7 @@ from gcs.core.separation.forward_flight import FlightPaths, simulate_flights
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import GROWTH_M_S, Encounter, encounters
 from gcs.core.separation.minima import LOST_SHARE, PREDICTED_SHARE, layer_step_m, min_distance_m
-from gcs.core.separation.records import Approach
+from gcs.core.separation.separation_state import Approach
 from gcs.core.state import State
 from gcs.geo import wrap_pi
 from gcs.mavlink.autopilots.modes import LOITER

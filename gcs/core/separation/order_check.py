@@ -48,8 +48,6 @@ _LATE_OFF_BAND_M: Final = 10.0
 """Distance by which it may go below the band shortly before a loss of separation."""
 _WORSE: Final = 0.1
 """Share of the minimum distances by which an order must bring a vehicle nearer."""
-_SOON_S: Final = 4.0
-"""Time for which a hold may be put off: in it the circle comes nearer, and is flown wider when it begins."""
 _LATER_S: Final = 15.0
 """Time in which a climb leads a vehicle a layer away."""
 _ZONE_AHEAD_S: Final = 40.0
@@ -247,30 +245,23 @@ class OrderCheck:
         present = self.intents.flight(state, t_ns)
         return self._nearness(held, others) - self._nearness(present, others)
 
-    def holds_too_late(self, vehicle: int, t_ns: int) -> bool:
-        """Return True if a hold that begins a little later is none that may begin.
-
-        It would circle near another vehicle's circle, or leave the flight band.
-        """
+    def holds_clear(self, vehicle: int, t_ns: int, after_s: float = 0.0) -> bool:
+        """Return True if a hold that begins after some time is in the flight band and clear of all others."""
         states = {state.system_id: state for state in self.intents.flying(t_ns)}
         state = states.pop(vehicle, None)
         if state is None:
             return False
-        ahead = simulate_flights([self.intents.flight(state, t_ns)], _SOON_S)
-        hold = self.intents.flight(state, t_ns, LOITER)
-        place_m = float(ahead.east_m[-1, 0]), float(ahead.north_m[-1, 0])
-        height_m = float(0.5 * (ahead.low_m[-1, 0] + ahead.high_m[-1, 0]))
-        circle = replace(hold.goals[-1], east_m=place_m[0], north_m=place_m[1], height_m=height_m)
-        later = replace(
-            hold,
-            east_m=place_m[0],
-            north_m=place_m[1],
-            height_m=height_m,
-            course_rad=_course_rad(ahead),
-            goals=(circle,),
-        )
-        leaves_band = max(self._departures_m(later)) > _OFF_BAND_M >= max(self._departures_m(hold))
-        return leaves_band or any(self._overlapping(later, self._flights(states.values(), t_ns)))
+        before = simulate_flights([self.intents.flight(state, t_ns)], after_s)
+        hold = self.intents.flight(_at_end(before, state, t_ns) if after_s else state, t_ns, LOITER)
+        if max(self._departures_m(hold)) > _OFF_BAND_M:
+            return False
+        own = before.joined(simulate_flights([hold], _AHEAD_S - after_s))
+        others = self._flights(states.values(), t_ns)
+        if any(self._overlapping(hold, others)):
+            return False
+        paths = own.beside(simulate_flights(others, _AHEAD_S))
+        found = encounters(paths, self._min_m, self._min_height_m, _GROWTH_M / _AHEAD_S)
+        return all(vehicle not in one.vehicles or one.distance_m >= self._min_m for one in found)
 
     def _flights(self, states: Iterable[VehicleState], t_ns: int) -> list[Flight]:
         """Return what other vehicles fly now, and aircraft."""
@@ -431,10 +422,14 @@ def _round_s(flight: Flight) -> float:
     return min(flight.time_s(leg_m, 2.0 * math.pi * abs(last.radius_m)), _MAX_AHEAD_S)
 
 
-def _course_rad(paths: FlightPaths) -> float:
-    """Return the course of the first of some flights at its end."""
-    east_m, north_m = (float(one[-1, 0] - one[-2, 0]) for one in (paths.east_m, paths.north_m))
-    return math.atan2(east_m, north_m)
+def _at_end(paths: FlightPaths, state: VehicleState, t_ns: int) -> VehicleState:
+    """Return the state of a vehicle at the end of its predicted flight, as if it were now."""
+    east_m, north_m = (float(one[-1, 0]) for one in (paths.east_m, paths.north_m))
+    course_rad = math.atan2(east_m - float(paths.east_m[-2, 0]), north_m - float(paths.north_m[-2, 0]))
+    height_m = float(0.5 * (paths.low_m[-1, 0] + paths.high_m[-1, 0]))
+    return replace(
+        state, t_ns=t_ns, east_m=east_m, north_m=north_m, alt_msl_m=height_m, course_rad=course_rad
+    )
 
 
 def _nearest(conflicts: Sequence[_Conflict]) -> float:

@@ -1,4 +1,4 @@
-"""Reports of aircraft that are not ours, from ADS-B and from Remote ID.
+"""Reports of foreign aircraft, from ADS-B and Remote ID: which are believed, and their errors.
 
 | message | position | height |
 |---|---|---|
@@ -19,7 +19,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.core.separation.records import Aircraft
+from gcs.core.separation.separation_state import Aircraft
 from gcs.geo import LocalFrame
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.services.adsb_out import UNASSIGNED_ICAO_BLOCK

@@ -38,7 +38,7 @@ class Climbs:
         self._fleet = fleet
         self._airframes = config.airframes_of_agents
         self._elevation = config.elevation
-        self._least_agl_m = 0.0 if config.terrain is None else 0.5 * config.terrain.min_agl_m
+        self._least_agl_m = 0.0 if config.terrain is None else config.terrain.flown_min_agl_m
 
     def climb(self, vehicle: int, layer: int, *, in_takeoff: bool = False) -> Climb | None:
         """Return the climb before a vehicle's route; None in flight.

@@ -1,4 +1,4 @@
-"""ArduPlane.
+"""Profile of ArduPlane: modes, mission items, limits, return, and the texts of its failsafes.
 
 Sources: ArduPilot's `AP_Mission` (stored fields of an item, and their precision), `Mode::Number`
 (https://ardupilot.org/plane/docs/parameters.html, FLTMODE1), and tests with ArduPlane 4.7.

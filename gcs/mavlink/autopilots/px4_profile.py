@@ -1,4 +1,4 @@
-"""PX4 fixed wing.
+"""Profile of PX4 fixed wing: modes, mission items, limits, return, and the texts of its failsafes.
 
 Sources: PX4's `mavlink_mission.cpp`, `px4_custom_mode.h` (`custom_mode`: main mode in bits 16-23, sub mode in
 bits 24-31), https://docs.px4.io/main/en/advanced_config/parameter_reference, and tests with PX4 1.17.

@@ -1,4 +1,4 @@
-"""The flight along a terrain route, and routes whose flight stays in the band.
+"""Simulated flight along a terrain route, planned again with a wider margin until it stays in the band.
 
 The vehicle cuts corners, overshoots and follows its legs late (`gcs.planning.mission_flight`). Its height
 is that of the leg it flies, linear between the two waypoints. A route is planned in a band above all
@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -21,6 +22,11 @@ from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.terrain.band import FlightBand
 from gcs.planning.terrain.route import TerrainRoute, plan_route
 from gcs.planning.terrain.terrain_map import BandCircle, BandPose, Goal, TerrainMap
+
+MARGINS_M: Final = (15.0, 40.0)
+"""Tracking margins to plan with, the least one first."""
+ALLOWED_M: Final = 3.0
+"""Distance by which a simulated flight may leave the band."""
 
 
 @dataclass(frozen=True, slots=True)

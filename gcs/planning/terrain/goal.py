@@ -1,4 +1,4 @@
-"""Goals of routes: loiter circles, places to pass before them, and the lengths of paths to them.
+"""Goals of terrain routes: loiter circles, places to pass before them, lengths of paths to them.
 
 A goal belongs to a target and serves all vehicles: its fields (`height_field`) are the heuristic of their
 searches and a column of the cost matrix.

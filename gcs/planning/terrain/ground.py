@@ -1,4 +1,4 @@
-"""Ground and flight band of a mission."""
+"""Terrain of a mission: elevation and flight band, and how low take-offs and landings may be."""
 
 from __future__ import annotations
 

@@ -28,12 +28,12 @@ from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
 from gcs.planning.mission_flight import simulate_mission
 from gcs.planning.planner_inputs import PlanOptions
-from gcs.planning.terrain.flown_route import FlightModel, worst_departure_m
+from gcs.planning.terrain.flown_route import ALLOWED_M, FlightModel, worst_departure_m
 from gcs.planning.terrain.goal import cost_matrix, goal_at
 from gcs.planning.terrain.ground import Terrain, keeps_above_landing
 from gcs.planning.terrain.route import TerrainRoute, plan_route
 from gcs.planning.terrain.terrain_map import BandCircle, BandPose
-from gcs.planning.terrain.terrain_search import ALLOWED_M, band_of, levels_of
+from gcs.planning.terrain.terrain_search import band_of, levels_of
 
 _BEARINGS: Final = 36
 _DESCENTS_M: Final = (300.0, 450.0, 600.0, 900.0, 1200.0, 1500.0)

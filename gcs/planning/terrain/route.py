@@ -1,4 +1,4 @@
-"""Route of one vehicle over terrain: waypoints with heights from a start to a loiter circle.
+"""Terrain route of one vehicle: waypoints with heights from a start to a loiter circle.
 
 1. `pose_search` finds a path, with several weights of its heuristic; `corner_path` shortens each.
 2. `height_profile` gives the shortest one heights near the wanted share of the band.

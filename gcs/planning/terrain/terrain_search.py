@@ -1,4 +1,4 @@
-"""Routes of a plan over terrain: costs of all pairs of agents and targets, and the route of one pair.
+"""Search over terrain: costs of all pairs of agents and targets, and the route of one pair.
 
 Maps of the band are made once for each grid and airframe, and fields once for each place. Costs are those to
 where targets are at the begin of the routes. The route to a moving one leads to where the agent meets it: the
@@ -20,7 +20,7 @@ from gcs.planning.map.grid import Grid, Point
 from gcs.planning.planner_inputs import AgentState, PlanOptions
 from gcs.planning.terrain.band import FlightBand, Vertical, make_band
 from gcs.planning.terrain.first_rise import with_low_first_point
-from gcs.planning.terrain.flown_route import FlightModel, plan_flown_route
+from gcs.planning.terrain.flown_route import ALLOWED_M, MARGINS_M, FlightModel, plan_flown_route
 from gcs.planning.terrain.goal import cost_matrix, goal_at
 from gcs.planning.terrain.ground import Terrain
 from gcs.planning.terrain.leaving import band_to_leave, is_inside, without_areas_at
@@ -34,13 +34,9 @@ from gcs.planning.terrain.loiter_circles import (
 from gcs.planning.terrain.route import TerrainRoute
 from gcs.planning.terrain.terrain_map import BandPose, Goal, TerrainMap, make_terrain_map
 
-_MARGINS_M: Final = (15.0, 40.0)
-"""Tracking margins to plan with, the least one first."""
 _MAX_CORRECTIONS: Final = 8
 """Predicted places of a target that are tried."""
 _MEETING_TOLERANCE_M: Final = 10.0
-ALLOWED_M: Final = 3.0
-"""Distance by which a simulated flight may leave the band."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,10 +87,10 @@ class TerrainSearch:
         start = _start(self.agents[i])
         if not is_inside(band, start):
             return
-        near_m = options.clearance_m + max(_MARGINS_M) + 2.0 * self._terrain.elevation.spacing_m
+        near_m = options.clearance_m + max(MARGINS_M) + 2.0 * self._terrain.elevation.spacing_m
         place_m = start.east_m, start.north_m
         free = without_areas_at(self._terrain, self._grid, place_m, near_m)
-        if free is None or is_inside(band_of(*free, options.clearance_m, _MARGINS_M[0]), start):
+        if free is None or is_inside(band_of(*free, options.clearance_m, MARGINS_M[0]), start):
             return
         way_out = self._ways_out[i] = _WayOut((self._terrain, self._grid), free, start, options)
         goals = [way_out.goal(way_out.levels[0], target) for target in self._targets]
@@ -186,7 +182,7 @@ class _WayOut:
         vertical = _vertical(options)
         self.levels = [
             Level(make_terrain_map(self.band(margin_m), vertical, options.turn_radius_m), one.circles)
-            for margin_m, one in zip(_MARGINS_M, levels_of(*all_areas, options), strict=True)
+            for margin_m, one in zip(MARGINS_M, levels_of(*all_areas, options), strict=True)
         ]
 
     def band(self, margin_m: float) -> FlightBand:
@@ -227,9 +223,7 @@ def levels_of(terrain: Terrain, grid: Grid, options: PlanOptions) -> list[Level]
     assert loiter is not None
     vertical = _vertical(options)
     radii_m = options.turn_radius_m, max(loiter.radius_m, options.turn_radius_m)
-    return [
-        _level(terrain, grid, options.clearance_m, margin_m, radii_m, vertical) for margin_m in _MARGINS_M
-    ]
+    return [_level(terrain, grid, options.clearance_m, margin_m, radii_m, vertical) for margin_m in MARGINS_M]
 
 
 @lru_cache(maxsize=8)

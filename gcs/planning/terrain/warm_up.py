@@ -1,4 +1,4 @@
-"""Compilation of the kernels of this package."""
+"""Warm-up of the terrain planner: compilation of its kernels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Evaluation of a run against ground truth.
+"""Evaluation of a run against ground truth: arrivals, losses, OSPA, with their tolerances.
 
 Central command decides from measurements. The evaluator alone knows the ground truth. It gets all effects of
 a run and returns a `Summary`:

@@ -9,7 +9,7 @@ from gcs.core.airspace.obstacle_map import mission_map
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.mission_inputs import mission_inputs
 from gcs.core.replanning.planned_flights import AltitudeLayers
-from gcs.core.replanning.records import OtherVehicle
+from gcs.core.replanning.replanning_state import OtherVehicle
 from gcs.core.state import State
 from gcs.model import Route, read_only
 from gcs.planning.manoeuvres.climb import Climb

@@ -9,7 +9,7 @@ from helpers.staging import S
 from gcs.config.schema import TerrainTable
 from gcs.core.separation.look_ahead import Encounter
 from gcs.core.separation.order_check import _Conflict
-from gcs.core.separation.records import Approach
+from gcs.core.separation.separation_state import Approach
 from gcs.core.separation.traffic_reports import FIRST_ADSB as AIRCRAFT
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.model import FlightPhase, NoticeCode, Order, Resumed

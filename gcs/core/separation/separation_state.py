@@ -1,4 +1,4 @@
-"""State of separation."""
+"""State of separation: alarms, avoidance, waiting missions, other aircraft."""
 
 from __future__ import annotations
 
