@@ -110,7 +110,7 @@ class Supervisor:
         waits = plan.waits_for_ground
         tls = "" if plan.zenoh_tls is None else str(plan.zenoh_tls)
         arguments = WorldArguments(scenario.source, plan.seed, plan.zenoh, plan.zenoh_role, waits, tls)
-        world = self._spawn("world.process", arguments)
+        world = self._spawn("world.world_process", arguments)
         if plan.sitl or plan.truth_links:
             self._await_world(world)  # they send true states before the start
         specs = [replace(spec, waits_for_ground=waits) for spec in vehicle_specs(scenario, plan.seed)]
@@ -124,7 +124,7 @@ class Supervisor:
             for i in range(0, len(specs), plan.pack):
                 pack = specs[i : i + plan.pack]
                 vehicles = VehicleArguments(scenario.frame, pack, plan.loss, ground)
-                self._spawn("vehicle.process", vehicles, tuple(spec.system_id for spec in pack))
+                self._spawn("vehicle.vehicle_process", vehicles, tuple(spec.system_id for spec in pack))
             self._await_world(world)
         for child in self.children[1:]:
             self._await_ready(child, _AIRBORNE_TIMEOUT_S if plan.sitl else _READY_TIMEOUT_S)

@@ -187,8 +187,8 @@ REPORTING = "filterpy", "scipy.stats", "matplotlib"
         ("gcs.cli.fly.demo_flight", REPORTING),
         ("gcs.cli.fly.live_service", REPORTING),
         ("gcs.cli.fly.demo_simulation", (*REPORTING, "numba", "scipy")),
-        ("sim_vehicles.vehicle.process", (*REPORTING, "numba", "scipy")),
-        ("sim_vehicles.world.process", (*REPORTING, "numba", "scipy")),
+        ("sim_vehicles.vehicle.vehicle_process", (*REPORTING, "numba", "scipy")),
+        ("sim_vehicles.world.world_process", (*REPORTING, "numba", "scipy")),
     ],
 )
 def test_a_flight_starts_without_libraries_that_it_does_not_need(start, unused):

@@ -17,7 +17,7 @@ from typing import Final
 import msgspec
 from rich.console import Console
 
-from gcs.cli.console_page import PageOptions, open_listener, show_address
+from gcs.cli.console_options import PageOptions, open_listener, show_address
 from gcs.cli.following import FIND_S, address_of
 from gcs.console.remote.remote_run import find_run
 from gcs.console.server import ConsoleServer

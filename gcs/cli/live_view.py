@@ -1,4 +1,4 @@
-"""Display of a run: a live view in a terminal, or plain lines elsewhere.
+"""Live view of a run in a terminal: log, agents, targets, links; plain lines elsewhere.
 
 Both are sinks of events and effects. The live view also reads the state of the engine.
 """

@@ -1,4 +1,4 @@
-"""Set-up of `gcs demo`, `gcs run` and `gcs replay`: display, recorder, compiled kernels."""
+"""Set-up of a run for `gcs demo`, `gcs run`, `gcs replay`: display, recorder, kernels, garbage collection."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from gcs.io.recording.folder import Run, remove_empty, versions
 from gcs.io.recording.recorder import DiskBudget, Recorder
 from gcs.io.recording.recorder_thread import RecorderThread
 from gcs.io.terminal import Printable, console_for
-from gcs.service.service import Sink
+from gcs.service.sinks import Sink
 
 _REFRESH_S: Final = 0.25
 _GC_THRESHOLD: Final = 100_000

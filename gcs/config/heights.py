@@ -1,4 +1,4 @@
-"""Altitude of the lowest layer above mean sea level, converted to one above home before validation.
+"""Heights above mean sea level in a mission file, converted to heights above home before validation.
 
 Home is at the height of the frame's origin (`frame.alt_msl_m`).
 """

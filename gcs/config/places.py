@@ -1,4 +1,4 @@
-"""Positions in degrees, converted to the local frame before validation.
+"""Places in degrees in a mission file, converted to the local frame before validation.
 
 A position is `east_m` and `north_m`, or `lat_deg` and `lon_deg`. All tables have metres.
 """

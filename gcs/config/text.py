@@ -1,4 +1,4 @@
-"""Texts of missions: shipped scenarios, files, and the GeoJSON and the elevation model that they name."""
+"""Text of a mission: shipped scenario or file, and the GeoJSON and elevation model that it names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The server of the console: a thread with its own event loop.
+"""Server of the console: a thread with its own event loop; periods of updates, and when a service is lost.
 
 For a live service it is in a process of its own, for a replay beside it. In both cases it asks the run for
 what is new (`Source`), and encodes it once for all pages. A slow browser delays this thread only.

@@ -9,7 +9,7 @@ that is processed now, when its reorder window has passed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Final, TypeAlias
 
 from gcs.config import Config
@@ -42,25 +42,23 @@ EPOCH: Final = (
     on_scan.report_missed_targets,
     on_scan.refresh_proposal,
     on_scan.plan,
-    on_scan.warn_of_zones,
     on_scan.report_unattended_targets,
     on_scan.end_mission,
     on_scan.report_sensor_model,
 )
 
 
-def process_due_scans(stages: Stages, event: Scan | Tick) -> list[Effect]:
+def process_due_scans(stages: Stages, event: Scan | Tick) -> Iterator[Effect]:
     """Process the scans whose reorder window has passed, in the order of measurement."""
-    effects: list[Effect] = []
     for scan in on_scan.due_scans(stages, event.t_ns):
         epoch, refusals = on_scan.begin_epoch(stages, scan)
-        effects += refusals
+        yield from refusals
         if epoch is not None:
-            effects += [effect for stage in EPOCH for effect in stage(stages, epoch)]
-    return effects
+            for stage in EPOCH:
+                yield from stage(stages, epoch)
 
 
-Pipeline: TypeAlias = tuple[Callable[[Stages, Any], list[Effect]], ...]
+Pipeline: TypeAlias = tuple[Callable[[Stages, Any], Iterable[Effect]], ...]
 """Functions of the stages and the event."""
 
 PIPELINES: Final[dict[type[Event], Pipeline]] = {
@@ -79,6 +77,7 @@ PIPELINES: Final[dict[type[Event], Pipeline]] = {
         on_tick.carry_on_orders,
         on_tick.audit_missions,
         on_tick.watch_takeoffs,
+        on_tick.watch_zones,
         on_tick.watch_separation,
         on_tick.watch_ground,
         on_tick.report_standstill,
@@ -137,23 +136,38 @@ class Engine:
 
         `frames` are those of a datagram, if they are known already. The effects are the same without.
         """
-        effects: list[Effect] = []
-        if isinstance(event, Datagram):
-            effects += [effect for stage in DATAGRAM for effect in stage(self.stages, event, frames)]
-        else:
-            if isinstance(event, Resumed):
-                effects += bridge_gap(self.state, event)
-                self.state = self.state  # what was derived from it is made anew
-            effects += [effect for stage in PIPELINES[type(event)] for effect in stage(self.stages, event)]
-        effects = self._without_repeats(effects, event)
-        self.stages.second_commander.note_sent(effects, event.t_ns)
-        return effects
+        return list(self.effects(event, frames))
 
-    def _without_repeats(self, effects: list[Effect], event: Event) -> list[Effect]:
+    def effects(self, event: Event, frames: FrameTable | None = None) -> Iterator[Effect]:
+        """Process one event; yield each effect when it is known: a picture before the plan that follows.
+
+        The event is processed when all effects are taken.
+        """
+        sent: list[Effect] = []
+        for effect in self._without_repeats(self._process(event, frames), event):
+            sent.append(effect)
+            yield effect
+        self.stages.second_commander.note_sent(sent, event.t_ns)
+
+    def _process(self, event: Event, frames: FrameTable | None) -> Iterator[Effect]:
+        """Yield the effects of all stages."""
+        if isinstance(event, Datagram):
+            for of_datagram in DATAGRAM:
+                yield from of_datagram(self.stages, event, frames)
+            return
+        if isinstance(event, Resumed):
+            yield from bridge_gap(self.state, event)
+            self.state = self.state  # what was derived from it is made anew
+        for stage in PIPELINES[type(event)]:
+            yield from stage(self.stages, event)
+
+    def _without_repeats(self, effects: Iterable[Effect], event: Event) -> Iterator[Effect]:
         """Leave out notices that come all the time; add their summaries."""
-        repeats = self.state.repeats
-        kept = [effect for effect in effects if not isinstance(effect, Notice) or repeats.admit(effect)]
-        return [*kept, *repeats.summaries(event.t_ns)] if isinstance(event, Tick) else kept
+        for effect in effects:
+            if not isinstance(effect, Notice) or self.state.repeats.admit(effect):
+                yield effect
+        if isinstance(event, Tick):
+            yield from self.state.repeats.summaries(event.t_ns)
 
     def untaskable(self) -> dict[int, str]:
         """Return the vehicles that are not ours to task, with the reason in words."""

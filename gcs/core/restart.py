@@ -1,4 +1,4 @@
-"""Restart: continuation from a snapshot, after an outage of the service.
+"""Restart: what is done with a state after an outage, and how long is waited before the first plan.
 
 The outage is a gap in all links: uploads, orders and authorities continue. What may have changed meanwhile is
 checked.

@@ -1,4 +1,4 @@
-"""Snapshots: the state of the decision core as bytes, and back.
+"""Snapshots: the state of the decision core as bytes and back, how often they are taken, and their format.
 
 One MessagePack object (https://msgpack.org) with a format version. Arrays are their dtype, shape and bytes;
 MAVLink messages are their number and fields.
@@ -17,7 +17,7 @@ from gcs.core.state import State
 from gcs.errors import WireError
 from gcs.model import NS_PER_S, Event, Snapshot, Tick, array_of_parts, array_parts
 
-VERSION: Final = 3
+VERSION: Final = 4
 PERIOD_NS: Final = 10 * NS_PER_S
 """A replay from any time processes at most the events of this period first: some 0.1 s."""
 MAX_BYTES: Final = 64 * 1024 * 1024

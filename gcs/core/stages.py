@@ -1,4 +1,4 @@
-"""Stages of the engine, made in the order in which they depend on each other.
+"""Construction of the stages of the engine, in the order in which they depend on each other.
 
 A stage is a small class without state of its own. It gets the parts of the state that it may change.
 """
@@ -129,7 +129,7 @@ class Stages:
         self.return_heights = ReturnHeightMonitor(config, self.fleet, agents)
         self.intents = Intents(config, self.fleet, agents, self.return_heights)
         self.air_traffic = AirTraffic(config, self.fleet, self.state.separation)
-        order_check = OrderCheck(config, self.intents, self.air_traffic)
+        order_check = OrderCheck(config, self.intents, self.air_traffic, self.no_fly_zones)
         self.mission_traffic = MissionTraffic(order_check, agents, self.state.tasking, self.state.separation)
         # Planning and tasking
         self.replanner = Replanner(config, self.no_fly_zones, agents, self.state.replanning)

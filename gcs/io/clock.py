@@ -1,4 +1,4 @@
-"""Run clock: monotonic time that starts at the Unix time. A running service reads time here only.
+"""Run clock: monotonic time that starts at the Unix time; steps of the wall clock. Time is read only here.
 
 The wall clock is read once, at the start. Steps by an operator, NTP or GPS do not affect heartbeats and
 timeouts. `ClockWatch` detects such a step, or a suspended machine; it becomes a `ClockStep` event.

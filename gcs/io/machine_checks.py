@@ -1,4 +1,4 @@
-"""Checks of this machine before it flies: clock, disk, ports, serial rights, buffers, versions.
+"""Checks of this machine for `gcs doctor`: clock, disk, ports, serial rights, buffers, versions.
 
 Nothing is changed, and nothing is sent. A port is free if it can be bound now.
 """

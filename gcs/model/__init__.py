@@ -10,6 +10,7 @@ order: `basics` (labels, time), `sensors` (and their scans), `picture` (tracks, 
 `notices` (and their table, `notice_codes`), `events`, `effects`, `truth` (simulations), `names`.
 """
 
+from gcs.model.authority import Authority, AuthorityWord, Claim, Claims, Control, ControlEvent, Suspension
 from gcs.model.basics import (
     NS_PER_S,
     BoolArray,
@@ -29,7 +30,6 @@ from gcs.model.basics import (
     array_parts,
     read_only,
 )
-from gcs.model.control import Authority, AuthorityWord, Claim, Claims, Control, ControlEvent, Suspension
 from gcs.model.effects import AgentStatus, Effect, MissionEnded, Send, UploadReport
 from gcs.model.events import (
     BadInput,
@@ -41,27 +41,7 @@ from gcs.model.events import (
     Snapshot,
     Tick,
 )
-from gcs.model.flight import PHASE_TRANSITIONS, FlightEvent, FlightPhase, FlightPhaseWord, HealthItem
-from gcs.model.heights import (
-    UNLIMITED,
-    LayerHeights,
-    LimitReference,
-    VerticalLimits,
-    limits_text,
-    vertical_limits,
-)
-from gcs.model.names import (
-    named,
-    network_of,
-    system_of,
-    target_name,
-    target_of,
-    targets_text,
-    track_name,
-    vehicle_id,
-    vehicle_name,
-    vehicle_of,
-)
+from gcs.model.flight_phase import PHASE_TRANSITIONS, FlightEvent, FlightPhase, FlightPhaseWord, HealthItem
 from gcs.model.notice_codes import NoticeCode
 from gcs.model.notices import Notice, NoticeContent, Notify, Subject
 from gcs.model.orders import Action, AnswerState, NoFlyZone, Order, OrderAnswer, Proposal, RouteFigures
@@ -80,6 +60,26 @@ from gcs.model.sensors import Polar, Scan, Sensor, Viewpoint, Visibility
 from gcs.model.status import AgentRecord, SensorRecord, SwarmStatus, TargetRecord
 from gcs.model.templates import Parameter
 from gcs.model.truth import Truth, TruthObject
+from gcs.model.vehicle_ids import (
+    named,
+    network_of,
+    system_of,
+    target_name,
+    target_of,
+    targets_text,
+    track_name,
+    vehicle_id,
+    vehicle_name,
+    vehicle_of,
+)
+from gcs.model.vertical_limits import (
+    UNLIMITED,
+    LayerHeights,
+    LimitReference,
+    VerticalLimits,
+    limits_text,
+    vertical_limits,
+)
 
 __all__ = [
     "APPROACH_M",

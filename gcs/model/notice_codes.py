@@ -566,7 +566,17 @@ class NoticeCode(TableCode):
         "avoids-no-longer",
         _I,
         "no longer holds for {other}[: {reason}]",
-        ends="avoids",
+        ends="avoids holds-before-zone",
+        by="other",
+    )
+    HOLDS_BEFORE_ZONE = _vehicle(
+        "holds-before-zone",
+        _A,
+        "holds: its mission leads into {other}. Open the zone, confirm a plan that leads round it, or "
+        "return it",
+        "no other mission was on board in time: no route leads round the zone, or none was confirmed or "
+        "uploaded (`planning.avoidance`, [no-fly zones](orders.md#no-fly-zones))",
+        "open the zone, confirm a plan, or return it; with a route round the zone it flies on by itself",
         by="other",
     )
     RETURNS_NEAR = _mission(

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any, Final, Protocol, TypeAlias
 
 from gcs.model.basics import Level
-from gcs.model.names import vehicle_name
 from gcs.model.notice_codes import NoticeCode
 from gcs.model.templates import Parameter, fill, plain_value
+from gcs.model.vehicle_ids import vehicle_name
 from gcs.safe_text import printable
 
 Subject: TypeAlias = int | str | None

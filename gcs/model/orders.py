@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from gcs.model.basics import NS_PER_S, Label
-from gcs.model.heights import UNLIMITED, VerticalLimits
 from gcs.model.plans import Route
+from gcs.model.vertical_limits import UNLIMITED, VerticalLimits
 from gcs.safe_text import printable
 
 Action: TypeAlias = Literal[

@@ -10,9 +10,9 @@ from typing import Literal, TypeAlias
 
 import msgspec
 
+from gcs.model.authority import AuthorityWord
 from gcs.model.basics import Label
-from gcs.model.control import AuthorityWord
-from gcs.model.flight import FlightPhaseWord
+from gcs.model.flight_phase import FlightPhaseWord
 
 SensorState: TypeAlias = Literal["", "late", "silent"]
 """Empty if scans come in time; `silent` while the alarm about that is raised."""

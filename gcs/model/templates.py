@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any, Final, TypeAlias
 
-from gcs.model.names import named, vehicle_name
+from gcs.model.vehicle_ids import named, vehicle_name
 from gcs.safe_text import printable
 
 Parameter: TypeAlias = int | float | str | tuple[int, ...]

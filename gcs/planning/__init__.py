@@ -8,15 +8,15 @@ The package is pure: no I/O, no clock, no random numbers.
 
 Reading order:
 
-1. `planner_inputs`: inputs of the planner. `planner`: the stages of one plan.
-   `swarm_plan`: the same in arrays.
+1. `planner_inputs`: inputs of the planner. `planner`: a whole plan, with altitude layers. `team_routes`: its
+   first part, assignment and routes. `plan_result`: what comes out. `swarm_plan`: the same in arrays.
 2. `map`: obstacle grid, polygons, exact line of sight, clearance-shifted nodes.
 3. `search`: eight-neighbour moves, canonical ordering (jump-point pruning), A*, one-to-all Dijkstra, and the
    cost matrix of all agent-target pairs.
 4. `assignment` (Hungarian, with hysteresis) and `intercept` (moving targets).
 5. `path`: from grid path to flyable route. Shortcuts, string pulling over tangent points, corner
    smoothing and splitting, turns, initial turn, Dubins paths.
-6. `route_search`: one agent to one target, all of the above.
+6. `route_search`: paths of one agent to one target, all of the above. `pair_route`: its route with loiter.
 7. `forward_simulation`: future flight of a vehicle. `flight_variants`, `routes_in_wind`: its flights in wind,
    and routes that keep their clearance in them. `route_joining`, `route_progress`: joining and following
    a route.
@@ -32,9 +32,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from gcs.planning.map.grid import Grid
     from gcs.planning.plan_notes import PlanNote
-    from gcs.planning.planner import PlanResult, plan_mission, plan_routes
+    from gcs.planning.plan_result import PlanResult
+    from gcs.planning.planner import plan_mission
     from gcs.planning.planner_inputs import AgentState, LoiterSpec, MissionInputs, PlanOptions, TargetDemand
     from gcs.planning.swarm_plan import SwarmPlan, plan_swarm
+    from gcs.planning.team_routes import plan_routes
 
 __all__ = [
     "AgentState",
@@ -58,11 +60,11 @@ _MODULES = {
     "MissionInputs": "planner_inputs",
     "PlanNote": "plan_notes",
     "PlanOptions": "planner_inputs",
-    "PlanResult": "planner",
+    "PlanResult": "plan_result",
     "SwarmPlan": "swarm_plan",
     "TargetDemand": "planner_inputs",
     "plan_mission": "planner",
-    "plan_routes": "planner",
+    "plan_routes": "team_routes",
     "plan_swarm": "swarm_plan",
 }
 

@@ -1,4 +1,4 @@
-"""Assignment of agents to targets: the Hungarian algorithm, with ranks and a cost of each change.
+"""Assignment of agents to targets (Hungarian), with ranks, pins, and the gain that a change must have.
 
 The assignment minimises the total path length (Kuhn 1955, Munkres 1957; scipy's modified Jonker-Volgenant).
 It makes as many pairs as possible first; length decides between assignments with as many pairs. Pairs without

@@ -1,4 +1,4 @@
-"""Flights that a vehicle may make of one path: slow and quick to turn, in still air and in wind.
+"""Variants of a flight along one path: slow and quick to turn, in still air, wind and gusts.
 
 How fast a vehicle turns is known roughly, and of the wind only its greatest speed. A path is clear if all of
 these are: two in still air, and twenty in the greatest wind. Those are by L1 and by a heading law in wind

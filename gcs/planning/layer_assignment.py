@@ -1,4 +1,4 @@
-"""Assignment of altitude layers, and separation in time within a layer.
+"""Altitude layers: which route flies in which, and when two in one layer are too near in time.
 
 Vehicles in different layers are separated by altitude. Within a layer they are separated in time, from the
 predicted positions along their routes. A vehicle shares a layer only if no layer is free. A vehicle that

@@ -39,6 +39,8 @@ class AgentState:
     """True if it rejected its last mission: all other agents get targets first."""
     pinned: Label | None = None
     """Target that it must get, if that is there and a path leads to it."""
+    settled: Label | None = None
+    """Target to which it keeps the route that it has, if it gets that target: no other route is shaped."""
     layer: int = 0
     """Altitude layer whose heights its route prefers; used over terrain only."""
     is_unfit: bool = False

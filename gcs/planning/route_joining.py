@@ -1,4 +1,4 @@
-"""Route joining, or capture: how a vehicle turns on to a new route without explicit turn waypoints.
+"""Route joining: how a vehicle turns on to a new route without explicit turn waypoints.
 
 Where a planner cannot prove the direct turn clear for every radius and side, it adds explicit turn waypoints
 (`gcs.planning.path.turns`), a detour of up to a circle. The forward simulation of the vehicle

@@ -1,4 +1,4 @@
-"""Routes in wind: planned with more clearance or wider turns where their flights come too near to obstacles.
+"""Routes in wind: what clearance is enough in it, and wider routes where a flight comes too near obstacles.
 
 A turn radius that allows for the wind is not enough. A vehicle that is blown across a corner leaves the next
 leg, or cuts the corner, by an amount that depends on the turns before. So the flights along a route are

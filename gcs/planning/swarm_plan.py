@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from gcs.model import BoolArray, FloatArray, IntArray, read_only
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.plan_notes import PlanNote
-from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState, PlanOptions
+from gcs.planning.team_routes import plan_routes
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""One-line texts for the operator: in the live view, in the log and by `gcs order`."""
+"""One-line texts for the operator, in the live view, in the log and by `gcs order`: plans, answers."""
 
 from __future__ import annotations
 

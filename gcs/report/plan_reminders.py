@@ -1,4 +1,4 @@
-"""Reminders of a plan that waits to be confirmed."""
+"""Reminders of a plan that waits to be confirmed, every minute."""
 
 from __future__ import annotations
 

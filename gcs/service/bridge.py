@@ -1,4 +1,4 @@
-"""A bridge: the MAVLink endpoints of a mission in a process of their own, and heartbeats that nothing delays.
+"""Bridge: the MAVLink endpoints of a mission in a process of their own, and heartbeats that nothing delays.
 
 Command connects over zenoh and sees the links of a bridge as its own (`gcs.io.cluster.bridge_links`). The
 bridge frames, checks signatures, routes other ground stations, and sends. It knows nothing of missions. While

@@ -1,4 +1,4 @@
-"""The process of a bridge: `python -m gcs.service.bridge_process`, with its settings on standard input.
+"""Main of the bridge process: `python -m gcs.service.bridge_process`, with settings on standard input.
 
 It answers with one line of JSON on standard output: the ports of its endpoints, or an error. The process that
 started it keeps standard input open. When that closes without an end by command, the process was killed: the

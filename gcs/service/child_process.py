@@ -1,4 +1,4 @@
-"""A part of the service in a process of its own, started again when it ends.
+"""Child process of the service, such as the console: started again after pauses when it ends.
 
 The process has a session of its own: signals of the terminal do not reach it. It ends when its standard input
 closes, which the kernel does when this process ends, however that happens. On standard output it prints

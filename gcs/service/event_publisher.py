@@ -1,4 +1,4 @@
-"""Publishes the events of a service for a standby, and its state on request."""
+"""Publisher of the events of a service for its standby, and of the state on request."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A telemetry log as events: frames of the mission's vehicles, with ticks between them.
+"""Telemetry logs of other programs as events: frames of the vehicles, with ticks between them.
 
 A tlog has the traffic of both directions. Frames with the system ids of the mission's vehicles are received
 frames; all others (ground stations, radios, unknown systems) are ignored.

@@ -1,4 +1,4 @@
-"""The journal: one file with a snapshot of the state, from which a restarted service continues.
+"""Journal: one file with the state, written every few seconds, from which a restarted service continues.
 
 It is replaced atomically (temporary file, fsync, rename). After SIGKILL or a power cut the newest version or
 the one before it is there, never a part. It has a format version, a checksum, and the fingerprint of its

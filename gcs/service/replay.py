@@ -1,4 +1,4 @@
-"""Replay: recorded events through a new engine.
+"""Replay: recorded events through a new engine, as fast as possible or at a speed; moved back and forth.
 
 Events enter in their recorded order and effects go to the sinks. Nothing is sent. Recorded effects are only
 compared with those of the replay. A replay that begins with a snapshot continues from its state.
@@ -24,7 +24,7 @@ from gcs.io.recording.reader import Damage, Record
 from gcs.io.recording.topics import topic_of
 from gcs.model import NS_PER_S, Effect, Event, LaggedPicture, Notice, NoticeCode, Snapshot, Truth
 from gcs.report.run.verification import Output, Verification
-from gcs.service.service import Sink
+from gcs.service.sinks import Sink
 
 _YIELD_S = 0.02
 _NAP_S = 0.1

@@ -1,4 +1,4 @@
-"""Start of a service from the journal of the service before."""
+"""Resume of a service from the journal of the one before, if that is not too old."""
 
 from __future__ import annotations
 

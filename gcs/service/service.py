@@ -10,26 +10,21 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import signal
 import time
-from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Protocol
 
 from gcs.config import Config
 from gcs.core.engine import Engine
 from gcs.core.snapshot import PeriodicSnapshots, encode_state
 from gcs.core.state import State
 from gcs.errors import GcsError, LinkError, RecordingError, ReplacedError, WireError
-from gcs.io.background_writer import BackgroundWriter, QueuedText
+from gcs.io.background_writer import BackgroundWriter
 from gcs.io.clock import ClockWatch, RunClock
 from gcs.io.event_loop import on_loop
 from gcs.io.links.garbage import GarbageFilter
 from gcs.io.links.vehicle_links import VehicleLinks
 from gcs.io.record_json import encode, encode_shown
-from gcs.io.recording.disk_space import DiskSpace
 from gcs.io.zenoh.key_expressions import (
     effect_key,
     order_key,
@@ -48,11 +43,11 @@ from gcs.model import (
     Datagram,
     Effect,
     Event,
+    LaggedPicture,
     LinkNews,
     MissionEnded,
     Notice,
     NoticeCode,
-    NoticeContent,
     Parameter,
     Picture,
     Plan,
@@ -63,6 +58,8 @@ from gcs.model import (
     Tick,
     Truth,
 )
+from gcs.service.service_load import ServiceLoad
+from gcs.service.sinks import Output, Recording, Sink
 
 TICK_NS = NS_PER_S // 20
 QUEUE_SIZE = 20_000
@@ -79,63 +76,9 @@ OUTAGE_S = 5.0
 """A service that stood still for longer continues as after a restart: vehicles were heard, but not by it."""
 _LEARN_S = 1.0
 _LEARN_POLL_S = 0.02
-_TIMES_KEPT = 10_000
 _MAX_UNPUBLISHED = 1000
 _PUBLISH_S = 5.0
 """Wait at the end for subscribers that do not read; zenoh drops them after the same time."""
-LAG_WARNING_NS = NS_PER_S // 2
-"""Start of a notice that the service adds itself: a replay does not repeat it."""
-
-
-class Recording(Protocol):
-    """Recorder of events and effects; every method may raise `RecordingError`."""
-
-    @property
-    def space(self) -> DiskSpace | None:
-        """Space of the recording; None if it is not known."""
-
-    def record_event(self, event: Event) -> None:
-        """Record an event before the engine gets it."""
-
-    def record_effect(self, t_ns: int, effect: Effect, payload: bytes = b"") -> None:
-        """Record an effect of the engine; `payload` is its JSON if it is known."""
-
-    def record_truth(self, truth: Truth) -> None:
-        """Record the ground truth of a simulated world."""
-
-    def record_snapshot(self, snapshot: Snapshot) -> None:
-        """Record the state before the next event."""
-
-
-class Sink(Protocol):
-    """Receiver of all events and effects, in order."""
-
-    def event(self, event: Event) -> None:
-        """Receive an event before the engine gets it."""
-
-    def effect(self, t_ns: int, effect: Effect) -> None:
-        """Receive an effect."""
-
-
-class Output(Protocol):
-    """Output whose failure becomes a notice."""
-
-    name: str
-
-    def notice(self) -> NoticeContent | None:
-        """Return the next notice, if any."""
-
-
-@dataclass(slots=True)
-class Health:
-    """Timing and losses of the service itself."""
-
-    scan_ms: deque[float] = field(default_factory=lambda: deque(maxlen=_TIMES_KEPT))
-    plan_ms: deque[float] = field(default_factory=lambda: deque(maxlen=_TIMES_KEPT))
-    dropped: int = 0
-    """Events that found the queue full."""
-    worst_lag_s: float = 0.0
-    """Longest run time that an event waited in the queue."""
 
 
 class Service:
@@ -156,7 +99,7 @@ class Service:
     def __init__(self, config: Config, seed: int, links: VehicleLinks, bus: ZenohSession) -> None:
         self.config = config
         self.engine = Engine(config, seed)
-        self.health = Health()
+        self.health = ServiceLoad()
         self.clock = RunClock()
         self.links = links
         self._bus = bus
@@ -175,7 +118,6 @@ class Service:
         self._consumed_t_ns: int | None = None
         """Time of the last event."""
         self._tick_waits = False
-        self._lag_warned = False
         self._keyless: set[int] = set()
         self._snapshots = PeriodicSnapshots()
 
@@ -404,7 +346,10 @@ class Service:
                 self._put(LinkNews(Notice(self.clock.now_ns(), NoticeCode.KEY_MISSING, vehicle)))
 
     def _process(self, event: Event, frames: FrameTable | None = None) -> bool:
-        """Record an event, step the engine and carry out its effects; return True if the mission ended."""
+        """Record an event, step the engine and carry out its effects; return True if the mission ended.
+
+        Pictures leave before the rest of a scan is processed: a plan for hundreds of vehicles takes long.
+        """
         snapshot = None if self.recorder is None else self._snapshots.before(event, self.engine.state)
         if snapshot is not None:
             self._record(lambda recorder: recorder.record_snapshot(snapshot))
@@ -412,20 +357,26 @@ class Service:
         for sink in self.sinks:
             sink.event(event)
         started = time.perf_counter()
-        effects = self._step(event, frames)
+        effects: list[Effect] = []
+        shown = 0
+        for effect in self._step(event, frames):
+            effects.append(effect)
+            if len(effects) == shown + 1 and isinstance(effect, Picture | LaggedPicture | Notice):
+                self._carry_out(event.t_ns, effect)
+                shown += 1
         took_ms = (time.perf_counter() - started) * 1e3
         if isinstance(event, Scan):
             self.health.scan_ms.append(took_ms)
-        for effect in effects:
+        for effect in effects[shown:]:
             if isinstance(effect, Plan):
                 self.health.plan_ms.append(took_ms)
             self._carry_out(event.t_ns, effect)
         return any(isinstance(effect, MissionEnded) for effect in effects)
 
-    def _step(self, event: Event, frames: FrameTable | None) -> list[Effect]:
+    def _step(self, event: Event, frames: FrameTable | None) -> Iterator[Effect]:
         """Step the engine. If a state from a journal turns out to be wrong, continue without it."""
         try:
-            return self.engine.step(event, frames)
+            yield from self.engine.effects(event, frames)
         except Exception as error:
             if not self._is_resumed:
                 raise
@@ -435,7 +386,6 @@ class Service:
             self._record(lambda recorder: recorder.record_snapshot(snapshot))
             problem = f"its state makes no sense ({error!r})"
             self.on_notice("journal", NoticeCode.JOURNAL_REFUSED, problem=problem)
-            return []
 
     def _carry_out(self, t_ns: int, effect: Effect) -> None:
         payload = b""
@@ -469,48 +419,13 @@ class Service:
 
     def _watch_lag(self, lag_ns: int) -> None:
         """Warn once if events wait in the queue, or if ticks come late."""
-        self.health.worst_lag_s = max(self.health.worst_lag_s, lag_ns / NS_PER_S)
-        if lag_ns > LAG_WARNING_NS and not self._lag_warned:
-            self._lag_warned = True
-            t_ns = self.clock.now_ns()
-            about: dict[str, Parameter] = {
-                "lag_s": lag_ns / NS_PER_S,
-                "dropped": self.health.dropped,
-                "remedy": self._lag_remedy(),
-            }
-            self._carry_out(t_ns, Notice(t_ns, NoticeCode.SERVICE_SLOW, None, about))
-
-    def _lag_remedy(self) -> str:
-        if self.clock.speed > 1.0:
-            return "a lower --speed would help"
-        return "end other programs here, lower telemetry.rate_hz, or publish fewer scans a second"
+        t_ns = self.clock.now_ns()
+        notice = self.health.note_lag(lag_ns, t_ns, is_fast=self.clock.speed > 1.0)
+        if notice is not None:
+            self._carry_out(t_ns, notice)
 
 
 def _first(failures: BaseExceptionGroup[GcsError]) -> GcsError:
     """Return the first error of a nested group."""
     first = failures.exceptions[0]
     return _first(first) if isinstance(first, BaseExceptionGroup) else first
-
-
-def fly_on_after_hangup(view: QueuedText) -> Callable[[], object]:
-    """Continue without a terminal on SIGHUP; return a function that undoes this."""
-    loop = asyncio.get_running_loop()
-    loop.add_signal_handler(signal.SIGHUP, view.hang_up)
-    return lambda: loop.remove_signal_handler(signal.SIGHUP)
-
-
-def wait_for_interrupt(*stops: asyncio.Event) -> Callable[[], None]:
-    """Set one more of `stops` with each SIGINT or SIGTERM; return a function that undoes this."""
-    loop = asyncio.get_running_loop()
-
-    def interrupt() -> None:
-        next((stop for stop in stops if not stop.is_set()), stops[-1]).set()
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, interrupt)
-
-    def undo() -> None:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            loop.remove_signal_handler(number)
-
-    return undo

@@ -1,4 +1,4 @@
-"""A standby: a second engine that applies the events of command, and commands when command is gone.
+"""Standby: a second engine that applies the events of command, and commands when command is gone.
 
 It asks command for its state, and applies the events after it. Once a second it compares a hash of its state
 with that of command. When the lease of the bridge runs out, and the standby has the state, it asks for the

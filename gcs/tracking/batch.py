@@ -1,4 +1,4 @@
-"""Batch tracking: whole data sets in, labelled trajectories out.
+"""Batch tracking (`gcs.tracking.track`): whole data sets in, labelled trajectories out.
 
 `track` takes arrays. `track_scans` takes the scans of several sensors, at their own times; `gcs track` calls
 it. Three estimators use the same filter:

@@ -1,4 +1,4 @@
-"""Status texts that a fault brings by itself, apart from those of failsafes."""
+"""Status texts of simulated autopilots about a fault, apart from those of failsafes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""ArduPlane's autopilot: modes, arming, mission execution and failsafe.
+"""Simulated ArduPlane: modes, arming, mission execution, landing, and coming down.
 
 Behaviour of ArduPlane that ground stations must handle:
 

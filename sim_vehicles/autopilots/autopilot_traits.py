@@ -1,4 +1,4 @@
-"""Differences between ArduPlane and PX4 as a ground station sees them.
+"""Traits of the simulated autopilots: modes and what differs between ArduPlane and PX4.
 
 Sources: ArduPlane's `Mode::Number`; PX4's `px4_custom_mode.h` (main mode in bits 16-23 of `custom_mode`, sub
 mode in bits 24-31), `mavlink_mission.cpp` and `navigator`; observations of both. Modes have ArduPlane's names

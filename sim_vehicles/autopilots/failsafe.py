@@ -1,4 +1,4 @@
-"""Failsafes of ArduPlane and PX4: ground station, radio control, battery.
+"""Simulated failsafes of ArduPlane and PX4: ground station lost, radio control lost, low battery.
 
 ArduPlane acts at once. Ground station (FS_GCS_ENABL 1): after FS_LONG_TIMEOUT without a heartbeat of
 SYSID_MYGCS the mode decides. AUTO, GUIDED and AVOID continue with FS_LONG_ACTN 0 and return with 1. RTL

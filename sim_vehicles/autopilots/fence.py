@@ -1,4 +1,4 @@
-"""Fence and rally points of the vehicle.
+"""Simulated fence and rally points: breaches, and what the vehicle does then.
 
 ArduPlane with FENCE_ACTION 1: a breach of an enabled fence changes the mode to RTL, once, with a text.
 Simulated kinds (FENCE_TYPE): greatest height (bit 0), circle round home (bit 1), uploaded areas (bit 2). PX4

@@ -287,7 +287,7 @@ def true_place(message: Any) -> tuple[float, float] | None:
 
 
 def truth_messages(t_ns: int, place: tuple[float, float] | None, alt_msl_m: float = math.nan) -> list[Any]:
-    """Return the messages of a true state for `sim_vehicles.world.process`; without a place, of a loss."""
+    """Return the messages of a true state for the simulated world; without a place, of a loss."""
     messages = [mavlink.MAVLink_system_time_message(t_ns // 1000, (t_ns // 1_000_000) & 0xFFFFFFFF)]
     if place is not None:
         lat_deg, lon_deg = place

@@ -1,8 +1,8 @@
 """Process around one real firmware: starts and launches it, and forwards its frames.
 
 With `FirmwareArguments` it starts the firmware in a folder and brings the vehicle into LOITER above its
-start. Then it behaves as `sim_vehicles.vehicle.process`: one UDP socket to the ground station, and the true
-state to the simulated world. The firmware of a lost vehicle is killed.
+start. Then it behaves as `sim_vehicles.vehicle.vehicle_process`: one UDP socket to the ground station, and
+the true state to the simulated world. The firmware of a lost vehicle is killed.
 
 A firmware that is slower than nine tenths of the run's speed causes a warning on standard error: results of
 such a run are not valid.
@@ -52,8 +52,8 @@ from sim_vehicles.process_start import (
 from sim_vehicles.vehicle.faults import FaultChange, FaultKind, Faults, fault_changes
 from sim_vehicles.vehicle.frames import FrameReader, Outbox
 from sim_vehicles.vehicle.packet_loss import is_lost
-from sim_vehicles.vehicle.process import DOWN, GROUND_HEARTBEAT
-from sim_vehicles.world.ground import GroundContact
+from sim_vehicles.vehicle.vehicle_process import DOWN, GROUND_HEARTBEAT
+from sim_vehicles.world.first_contact import GroundContact
 
 _LAUNCH_WITHIN_S = 150.0
 """Wall time."""

@@ -1,4 +1,4 @@
-"""Parameters of the vehicle: ArduPlane's names, types and defaults.
+"""Parameters of simulated vehicles: ArduPlane's names, types and defaults.
 
 Names and meanings follow ArduPlane 4.6 (https://ardupilot.org/plane/docs/parameters.html). Only those marked
 as used change the vehicle's behaviour; the others can be listed, read, set and read back. WP_RADIUS is the

@@ -1,4 +1,4 @@
-"""PX4's autopilot, where it differs from ArduPlane's.
+"""Simulated PX4, where it differs from ArduPlane.
 
 Observed on PX4 1.17-dev (SIH airplane), and read in its navigator:
 

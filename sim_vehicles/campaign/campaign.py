@@ -27,7 +27,7 @@ from gcs.io.recording.folder import versions
 from gcs.model import Effect, Truth
 from gcs.report.run.evaluation import evaluator_of
 from sim_vehicles.campaign.ground_truth_trackers import GroundTruthTrackers
-from sim_vehicles.campaign.losses import LossWatch
+from sim_vehicles.campaign.loss_detection import LossWatch
 from sim_vehicles.campaign.results import Row
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import parse_scenario

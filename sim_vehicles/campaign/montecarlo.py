@@ -1,4 +1,4 @@
-"""`gcs montecarlo`: fly a campaign, show its progress, write its results and its report."""
+"""Run of `gcs montecarlo`: a campaign with its progress, results and report."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gcs.io.parquet import write_parquet
 from gcs.io.terminal import console_for
 from gcs.report.run.tables import Table
 from sim_vehicles.campaign.campaign import Campaign, Job, Store, fly_all, fly_on_dask
-from sim_vehicles.campaign.page import failures, overviews, write_report
+from sim_vehicles.campaign.campaign_page import failures, overviews, write_report
 from sim_vehicles.campaign.results import groups, write_csv
 
 

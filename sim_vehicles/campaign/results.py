@@ -19,7 +19,7 @@ from scipy import stats
 
 from gcs.errors import RecordingError
 from gcs.report.run.evaluation import Summary
-from sim_vehicles.campaign.losses import LossWatch
+from sim_vehicles.campaign.loss_detection import LossWatch
 
 CONFIDENCE = 0.95
 

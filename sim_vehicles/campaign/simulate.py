@@ -1,4 +1,4 @@
-"""`gcs simulate`: evaluated missions on virtual time."""
+"""Run of `gcs simulate`: evaluated missions on virtual time, and their table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Airframe that turns by banking, fitted to recorded flights of ArduPlane's simulated plane.
+"""Banked airframe, fitted to ArduPlane's plane: bank, turn, throttle and take-off run, climb, sink.
 
 Commands are bank angles. Bank follows its command as a first-order lag with a limited rate. The plane turns
 at ``efficiency (g + climb acceleration) tan(bank) / airspeed``; the efficiency is below 1 since it slips

@@ -1,4 +1,4 @@
-"""Battery of a vehicle: it lasts an hour; a fault leaves little of it."""
+"""Battery of a simulated vehicle: it lasts an hour; a fault leaves little of it."""
 
 from __future__ import annotations
 

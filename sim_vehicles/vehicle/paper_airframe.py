@@ -1,4 +1,4 @@
-"""The airframe: the paper's lateral model under LQR heading control at 100 Hz, and a plain altitude hold.
+"""The paper's airframe (the usual one): lateral model under LQR heading control, plain altitude hold.
 
 Theory. The state is ``x = (v, p, r, phi, psi)``: sideslip velocity, roll rate, yaw rate, bank and heading;
 the inputs are aileron and rudder. ``x' = A x + B w`` is discretised by zero-order hold at 100 Hz to ``x+ = F

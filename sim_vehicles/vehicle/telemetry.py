@@ -1,4 +1,4 @@
-"""Telemetry of the vehicle: one builder for each message, and the schedule.
+"""Telemetry of a simulated vehicle: which messages it sends, with what content and how often.
 
 Message definitions: https://mavlink.io/en/messages/common.html and ardupilotmega.html. Default rates are
 ArduPlane's, about 1 Hz; the groups of REQUEST_DATA_STREAM follow ArduPlane's ``SR*`` streams.

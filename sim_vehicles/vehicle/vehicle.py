@@ -1,4 +1,4 @@
-"""One simulated vehicle: airframe, autopilot and link on one clock.
+"""Simulated vehicle: airframe, autopilot and link on one clock.
 
 It flies in virtual time and in a process of its own alike: time and bytes are arguments.
 
@@ -32,7 +32,7 @@ from sim_vehicles.vehicle.geodesy import Geodesy
 from sim_vehicles.vehicle.message_handlers import VehicleLink
 from sim_vehicles.vehicle.paper_airframe import STEP_NS, Airframe
 from sim_vehicles.vehicle.wind import Wind
-from sim_vehicles.world.ground import GroundContact
+from sim_vehicles.world.first_contact import GroundContact
 
 AIRFRAMES: dict[str, type[Airframe]] = {"paper": Airframe, "banked": BankedAirframe}
 

@@ -1,4 +1,4 @@
-"""Targets: two-dimensional double integrators without input, with constant velocity (paper, III).
+"""Simulated targets: double integrators without input, with constant velocity (paper, III).
 
 Without acceleration the paper's 100 Hz integration has an exact closed form. Targets are reflected at the
 border of the map; obstacles do not stop them.

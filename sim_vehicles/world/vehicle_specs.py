@@ -1,4 +1,4 @@
-"""Types and starts of the simulated vehicles of a scenario, for a seed.
+"""Types, homes and rates of the simulated vehicles of a scenario, for a seed.
 
 Over terrain a vehicle climbs and sinks no faster than its airframe's rates, by which routes are planned. Over
 flat ground it has the rates of the simulated airframe.

@@ -20,7 +20,7 @@ import numpy as np
 from helpers.flown_clearance import FlownHome, Nearest, NearPair, flown_home, in_wind, landing, nearest
 
 from gcs.model import FloatArray
-from gcs.planning.planner import warm_up as warm_up_planning
+from gcs.planning.warm_up import warm_up as warm_up_planning
 from gcs.tracking.glmb.filter import warm_up as warm_up_tracking
 from sim_vehicles.world.scenario import Scenario, WindTable, load
 

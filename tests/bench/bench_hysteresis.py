@@ -18,8 +18,9 @@ from gcs.core.replanning.plan_targets import plan_options
 from gcs.model import FloatArray
 from gcs.planning.map.grid import Grid
 from gcs.planning.map.line_of_sight import line_of_sight
-from gcs.planning.planner import plan_routes, warm_up
 from gcs.planning.planner_inputs import AgentState, PlanOptions, TargetDemand
+from gcs.planning.team_routes import plan_routes
+from gcs.planning.warm_up import warm_up
 
 GAINS_M = (0.0, 25.0, 50.0, 100.0)
 SPEED_M_S, PERIOD_S, NOISE_M, VELOCITY_NOISE = 15.0, 5.0, 10.0, 0.2

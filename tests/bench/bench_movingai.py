@@ -30,7 +30,7 @@ from movingai import MAX_BYTES, read_map
 from gcs.errors import ConfigError
 from gcs.files import read_text
 from gcs.planning.map.grid import Grid, Node
-from gcs.planning.planner import warm_up
+from gcs.planning.warm_up import warm_up
 
 RELATIVE_TOLERANCE = 5e-6
 """Half of the sixth digit, at most."""

@@ -17,9 +17,10 @@ import numpy as np
 from gcs.planning.layer_assignment import PlannedFlight, assign_layers
 from gcs.planning.map.grid import Grid, Point, free_grid, random_obstacles
 from gcs.planning.path.turns import TurnAnticipation
-from gcs.planning.planner import Stage, plan_routes, warm_up
 from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions
 from gcs.planning.search.neighbours import search_map
+from gcs.planning.team_routes import Stage, plan_routes
+from gcs.planning.warm_up import warm_up
 
 LOITER = LoiterSpec(
     radius_m=40.0, reach_radius_m=40.0, turn_lag_s=1.0, turns=TurnAnticipation(40.0, 15.0, 10.0)

@@ -21,7 +21,7 @@ from rich.table import Table
 from gcs.core.snapshot import encode_state
 from gcs.mavlink.frames.codec import decode
 from gcs.model import Effect, Event, Send, Snapshot, UploadReport
-from gcs.planning.planner import warm_up as warm_up_planning
+from gcs.planning.warm_up import warm_up as warm_up_planning
 from gcs.service.journal import JournalSink
 from gcs.tracking.glmb.filter import warm_up as warm_up_tracking
 from sim_vehicles.campaign.virtual_run import VirtualRun

@@ -17,13 +17,13 @@ import msgspec
 import numpy as np
 
 from gcs.model import Effect, Plan, Route, Truth, UploadReport
-from gcs.planning import planner
-from gcs.planning.planner import warm_up as warm_up_planning
+from gcs.planning import team_routes
+from gcs.planning.warm_up import warm_up as warm_up_planning
 from gcs.tracking.glmb.filter import warm_up as warm_up_tracking
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import Scenario, load
 
-_with_change_costs, _assign = planner.with_change_costs, planner.assign_agents
+_with_change_costs, _assign = team_routes.with_change_costs, team_routes.assign_agents
 
 
 @dataclass
@@ -77,7 +77,7 @@ def fly(scenario: Scenario, seed: int) -> Flight:
         flight.excesses += [total / least - 1.0] if len(found) == len(best) and least > 0.0 else []
         return found
 
-    planner.with_change_costs, planner.assign_agents = with_change_costs, assign
+    team_routes.with_change_costs, team_routes.assign_agents = with_change_costs, assign
     run = VirtualRun(scenario, seed, on_effect=flight.note_effect, on_truth=flight.note_truth)
     flight.duration_s = run.run()
     return flight

@@ -17,8 +17,9 @@ from bench_visibility import pair
 from numba import njit
 
 from gcs.planning.map.line_of_sight import clear_leg, to_cells
-from gcs.planning.planner import plan_routes, warm_up
 from gcs.planning.planner_inputs import AgentState, PlanOptions
+from gcs.planning.team_routes import plan_routes
+from gcs.planning.warm_up import warm_up
 
 LIMIT_S = 1.0
 CHUNK = 250

@@ -28,9 +28,9 @@ from scipy.sparse.csgraph import dijkstra
 from gcs.planning.assignment import assign
 from gcs.planning.map.grid import Grid, Node, free_grid, random_obstacles
 from gcs.planning.path.path_shaping import connect_to_grid
-from gcs.planning.planner import warm_up
 from gcs.planning.search import cost_matrix
 from gcs.planning.search.neighbours import SearchMap, flat_index, search_map
+from gcs.planning.warm_up import warm_up
 
 ROOT_2 = math.sqrt(2.0)
 _TURN_MS = 5.0

@@ -22,7 +22,7 @@ from gcs.io.recording.index import read_end_t_ns, snapshot_places
 from gcs.io.recording.mcap_file import recording_bytes
 from gcs.io.recording.reader import read
 from gcs.model import NS_PER_S, Event
-from gcs.planning.planner import warm_up as warm_up_planning
+from gcs.planning.warm_up import warm_up as warm_up_planning
 from gcs.service.replay import Replay, Window
 from gcs.tracking.glmb.filter import warm_up as warm_up_tracking
 from sim_vehicles.campaign.virtual_run import START_T_NS

@@ -110,6 +110,7 @@ def main() -> None:
     parser.add_argument("--each", action="store_true", help="list the intervals")
     parser.add_argument("--all", action="store_true", help="order all vehicles at once")
     parser.add_argument("--home", action="store_true", help="order all home once, and nothing else")
+    parser.add_argument("--wind", type=float, default=0.0, help="share of the airspeed")
     parser.add_argument("--cost", action="store_true", help="measure one check")
     options = parser.parse_args()
     if options.cost:
@@ -118,7 +119,7 @@ def main() -> None:
     seeds = range(options.first, options.first + options.missions)
     began = time.perf_counter()
     with ProcessPoolExecutor(options.workers) as pool:
-        flight = partial(fly, all_at_once=options.all, home=options.home)
+        flight = partial(fly, all_at_once=options.all, home=options.home, wind=options.wind)
         flown = list(pool.map(flight, seeds, chunksize=4))
     show(flown, options.each)
     print(f"took {time.perf_counter() - began:.0f} s")

@@ -18,7 +18,7 @@ from rich.table import Table
 
 from gcs.config import read_text
 from gcs.core.snapshot import decode_state, encode_state
-from gcs.planning.planner import warm_up as warm_up_planning
+from gcs.planning.warm_up import warm_up as warm_up_planning
 from gcs.tracking.glmb.filter import warm_up as warm_up_tracking
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import parse_scenario

@@ -352,7 +352,7 @@ class Bench:
         """Fly."""
         options = self._options
         vehicles = Vehicles(options.vehicles, options.hz, self._ports)
-        targets_m = grid(options.targets, 6000.0, SIDE_M - 200.0)
+        targets_m = grid(options.targets, SIDE_M / 2.0 + 200.0, SIDE_M - 200.0)  # within the view of a sensor
         for name in ("hill", "mast"):
             self._serve(name, "--role", "bridge", "--bridge", name)
         self._serve("command")

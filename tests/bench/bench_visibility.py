@@ -32,8 +32,10 @@ from gcs.model import NoticeCode
 from gcs.planning.map.grid import Grid, Point, free_grid, random_obstacles
 from gcs.planning.map.line_of_sight import clear_leg, leg_clearance, to_cells
 from gcs.planning.path.corner_smoothing import turn_fits
-from gcs.planning.planner import PlanResult, plan_routes, warm_up
+from gcs.planning.plan_result import PlanResult
 from gcs.planning.planner_inputs import AgentState, PlanOptions
+from gcs.planning.team_routes import plan_routes
+from gcs.planning.warm_up import warm_up
 
 _WRAPS = 8
 _AWAY = 1e-6

@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import msgspec
 import numpy as np
 
 from gcs.core.separation.monitor import LOOK_AHEAD_S
@@ -19,7 +20,7 @@ from gcs.model import NS_PER_S, Effect, Notice, NoticeCode, Order, OrderAnswer
 from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.vehicle.vehicle import SimVehicle
-from sim_vehicles.world.scenario import Scenario, parse_scenario
+from sim_vehicles.world.scenario import Scenario, WindTable, parse_scenario
 from sim_vehicles.world.vehicle_specs import vehicle_specs
 
 NEAR_M, NEAR_HEIGHT_M = 30.0, 15.0
@@ -27,6 +28,7 @@ NEAR_M, NEAR_HEIGHT_M = 30.0, 15.0
 LOWEST_M = 2.0
 """Height above which a vehicle is in the air, after its take-off run."""
 SAMPLE_S = 0.2
+_GUST_SHARE = 0.25
 BASE_M, STEP_M, LAYERS = 60.0, 20.0, 6
 _FIELD = """
 name = "separation"
@@ -349,8 +351,34 @@ class FlownMission:
                 self._end_alarm(vehicles)
 
 
-def fly(seed: int, duration_s: float = 150.0, *, all_at_once: bool = False, home: bool = False) -> Flown:
-    """Draw and fly one mission; with `home` one of `draw_return`."""
-    if home:
-        return FlownMission(draw_return(seed, duration_s)).fly(duration_s)
-    return FlownMission(draw(seed, duration_s, all_at_once=all_at_once)).fly(duration_s)
+def in_wind(drawn: Drawn, share: float) -> Drawn:
+    """Return a mission in wind of a share of the airspeed from a direction of its own, with gusts."""
+    config, simulation = drawn.scenario.config, drawn.scenario.simulation
+    wind_m_s = share * config.airframe.speed_m_s
+    towards_rad = np.random.default_rng([drawn.seed, 33]).uniform(0.0, 2.0 * math.pi)
+    wind = WindTable(
+        east_m_s=wind_m_s * math.sin(towards_rad),
+        north_m_s=wind_m_s * math.cos(towards_rad),
+        gust_std_m_s=_GUST_SHARE * wind_m_s,
+    )
+    planned_m_s = (1.0 + _GUST_SHARE) * wind_m_s
+    airframe = msgspec.structs.replace(config.airframe, wind_m_s=planned_m_s)
+    scenario = replace(
+        drawn.scenario,
+        config=msgspec.structs.replace(config, airframe=airframe),
+        simulation=msgspec.structs.replace(simulation, wind=wind),
+    )
+    return replace(drawn, scenario=scenario)
+
+
+def fly(
+    seed: int,
+    duration_s: float = 150.0,
+    *,
+    all_at_once: bool = False,
+    home: bool = False,
+    wind: float = 0.0,
+) -> Flown:
+    """Draw and fly one mission; with `home` one of `draw_return`, with `wind` in a share of the airspeed."""
+    drawn = draw_return(seed, duration_s) if home else draw(seed, duration_s, all_at_once=all_at_once)
+    return FlownMission(in_wind(drawn, wind) if wind else drawn).fly(duration_s)

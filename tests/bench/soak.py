@@ -32,7 +32,7 @@ from gcs.core.perception import arrival_and_loss
 from gcs.io.recording.folder import Run, versions
 from gcs.io.recording.recorder import DiskBudget, Recorder
 from gcs.model import NS_PER_S, AgentStatus, NoFlyZone, Order, Plan, UploadReport
-from gcs.planning.planner import warm_up as warm_up_planning
+from gcs.planning.warm_up import warm_up as warm_up_planning
 from gcs.service.journal import Journal, fingerprint
 from gcs.tracking.glmb.filter import warm_up as warm_up_tracking
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun

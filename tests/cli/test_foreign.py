@@ -24,7 +24,7 @@ from gcs.io.recording.reader import read, read_info
 from gcs.io.recording.recorder import Recorder
 from gcs.io.recording.tlog import LogFrame, read_log
 from gcs.model import NS_PER_S, Event, Picture, Scan, Truth
-from gcs.report.run.page import Material
+from gcs.report.run.run_page import Material
 from gcs.service.foreign_logs import DetectionFile, telemetry_records
 from gcs.service.replay import Replay, Window
 

@@ -27,8 +27,8 @@ from gcs.model import (
     target_name,
 )
 from gcs.planning.map.grid import free_grid
-from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import PlanOptions
+from gcs.planning.team_routes import plan_routes
 from gcs.report.operator_lines import effect_notice
 
 S = NS_PER_S

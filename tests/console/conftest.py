@@ -24,7 +24,7 @@ from playwright.sync_api import Page, expect, sync_playwright
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from websockets.sync.client import ClientConnection, connect
 
-from gcs.cli.console_page import answer_consoles
+from gcs.cli.service_console import answer_consoles
 from gcs.config import Config, load
 from gcs.console.remote.remote_run import find_run
 from gcs.console.server import ConsoleServer

@@ -30,7 +30,7 @@ from gcs.cli import app
 from gcs.cli.analyse.compare import linked_replays
 from gcs.cli.analyse.playback import ReplayOptions
 from gcs.cli.analyse.run_file import RunFile
-from gcs.cli.console_page import replay_source
+from gcs.cli.replay_console import replay_source
 from gcs.console.server import ConsoleServer
 from gcs.console.view.page_records import Figures
 from gcs.console.web.console_access import Access

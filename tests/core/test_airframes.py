@@ -20,8 +20,8 @@ from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.errors import ConfigError
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
 from gcs.model import Route, read_only
-from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState
+from gcs.planning.team_routes import plan_routes
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.vehicle.banked_airframe import BankedAirframe
 from sim_vehicles.world.scenario import parse_scenario

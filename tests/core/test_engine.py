@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
@@ -37,6 +37,7 @@ from gcs.model import (
     UploadReport,
     read_only,
 )
+from gcs.planning.assignment import assign_agents
 from sim_vehicles.campaign.virtual_run import LINK, VirtualRun
 from sim_vehicles.world.scenario import load
 
@@ -161,6 +162,30 @@ def test_every_scan_is_answered_with_the_picture_of_both_kinds(flight: Flight) -
     for kind in ("agents", "targets"):
         shown = [e.scan_t_ns for e in flight.effects if isinstance(e, Picture) and e.kind == kind]
         assert shown == scans
+
+
+def test_the_pictures_of_a_scan_are_known_before_its_plan_is_made(
+    flight: Flight, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A plan for hundreds of vehicles takes longer than a picture may be old."""
+    engine = Engine(flight.config, SEED)
+    told: list[str] = []
+    monkeypatch.setattr("gcs.planning.planner.assign_agents", _told_first(told))
+    for event in flight.events:
+        for effect in engine.effects(event):
+            told += [type(effect).__name__] * isinstance(effect, Picture | Plan)
+    made = told.index("planner")
+    assert told[made - 2 : made + 2] == ["Picture", "Picture", "planner", "Plan"]
+
+
+def _told_first(told: list[str]) -> Callable[..., dict[int, int]]:
+    """Return the assignment with a list in which its calls are told."""
+
+    def assign(*inputs: Any) -> dict[int, int]:
+        told.append("planner")
+        return assign_agents(*inputs)
+
+    return assign
 
 
 # ---------------------------------------------------------------- hostile datagrams

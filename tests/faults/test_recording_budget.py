@@ -11,7 +11,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rich.console import Console
 
-from gcs.cli.fly.live_service import RunFiles, serve
+from gcs.cli.fly.live_service import RunStorage, serve
 from gcs.cli.run_setup import open_recorder
 from gcs.config import load, read_text
 from gcs.config.schema import RecordingTable
@@ -186,7 +186,7 @@ def test_a_start_that_fails_leaves_no_recording(tmp_path: Path, monkeypatch: pyt
             1,
             Console(quiet=True),
             headless=True,
-            files=RunFiles(recording=out, journal=None, resume=None),
+            storage=RunStorage(recording=out, journal=None, resume=None),
             clock=RunClock(),
         )
 

@@ -59,7 +59,7 @@ def field(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def vehicle_process(specs: Sequence[VehicleSpec], frame: LocalFrame, port: int) -> Iterator[None]:
     """Fly vehicles in a process of their own, which send to a UDP port of this machine."""
     arguments = VehicleArguments(frame, list(specs))
-    command = process_command("vehicle.process", arguments)
+    command = process_command("vehicle.vehicle_process", arguments)
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert process.stdin is not None
     assert process.stdout is not None

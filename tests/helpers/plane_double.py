@@ -22,6 +22,7 @@ from gcs.mavlink.autopilots import ARDUPLANE
 from gcs.mavlink.autopilots.modes import LOITER as LOITER_NAME
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder, decode
+from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.upload import Upload
 from gcs.mavlink.mission.upload_limits import UploadLimits, UploadPolicy
 from gcs.mavlink.mission.upload_rules import MISSION_RULES
@@ -286,7 +287,8 @@ def upload_task(
     **known,
 ):
     """Return a task before its begin; without a policy its flight is unknown."""
-    state = UploadState.of_mission(mission, home, profile, **known)
+    items = build_items(profile, mission, home)
+    state = UploadState.of_mission(mission, items, profile, **known)
     return kind(state, encode, profile, authority or ModeAuthority(), policy or UploadPolicy(), limits)
 
 

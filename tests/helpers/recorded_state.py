@@ -13,7 +13,7 @@ CACHES: frozenset[str] = frozenset(
         # The picture of the posterior, and its confirmed tracks.
         "gcs.core.perception.track_lifecycle.TrackConfirmation.existing",
         "gcs.core.perception.track_lifecycle.TrackConfirmation.tracks",
-        "gcs.core.perception.fusion.ClassTracker.picture",
+        "gcs.core.perception.class_tracker.ClassTracker.picture",
         # Arguments of the last update, as arrays, and its detection summary.
         "gcs.tracking.glmb.filter.Glmb._birth_components",
         "gcs.tracking.glmb.filter.Glmb._births",
@@ -25,6 +25,7 @@ CACHES: frozenset[str] = frozenset(
         "gcs.core.airspace.obstacle_map.ObstacleMap.grid",
         "gcs.core.airspace.obstacle_map.ObstacleMap.near_ground",
         "gcs.core.airspace.obstacle_map.ObstacleMap.low_areas",
+        "gcs.core.separation.predicted_flights.PredictedFlights._flights",  # for the checks of one event
         "gcs.mavlink.fleet.vehicle.Vehicle._state",  # from its link and its row of the telemetry table
         "gcs.mavlink.fleet.vehicle.Vehicle._state_positions",
         "gcs.mavlink.frames.fast_scan.Scanner._rows",  # buffer, empty before each datagram

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from gcs.model.control import DERIVED, SUSPENSIONS, TRANSITIONS, Authority, Claims, Control, ControlEvent
+from gcs.model.authority import DERIVED, SUSPENSIONS, TRANSITIONS, Authority, Claims, Control, ControlEvent
 
 A, E = Authority, ControlEvent
 CLAIMS = [authority for authority in Authority if authority is not A.OURS and authority not in DERIVED]

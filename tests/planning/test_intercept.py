@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from gcs.model import Track, read_only
 from gcs.planning.intercept import TargetPrediction, intercept_times, shrunk_velocity
 from gcs.planning.map.grid import free_grid, random_obstacles
-from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState, PlanOptions, TargetDemand
+from gcs.planning.team_routes import plan_routes
 
 OPEN = free_grid((101, 101), 40.0)
 SPEED_M_S = 15.0

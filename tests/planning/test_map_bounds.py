@@ -14,8 +14,8 @@ from gcs.planning.manoeuvres.landing import LandingSpec, plan_return_route
 from gcs.planning.map.grid import free_grid, random_obstacles
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.plan_notes import PlanNote
-from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions, TargetDemand
+from gcs.planning.team_routes import plan_routes
 
 CORNERS = TurnAnticipation(58.0, 42.0, 10.0)
 FLYABLE = PlanOptions(

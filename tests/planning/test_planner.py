@@ -20,8 +20,8 @@ from gcs.planning.map.grid import Grid, free_grid, random_obstacles
 from gcs.planning.map.line_of_sight import line_of_sight
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.plan_notes import PlanNote
-from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState, PlanOptions, TargetDemand
+from gcs.planning.team_routes import plan_routes
 
 PLAIN = PlanOptions()
 OPTIONS = st.builds(

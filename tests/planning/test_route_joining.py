@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from gcs.planning.forward_simulation import Motion
 from gcs.planning.map.grid import free_grid
 from gcs.planning.path.turns import TurnAnticipation
-from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState, PlanOptions
 from gcs.planning.route_joining import capture_length_m, has_explicit_turn, turn_around_s
+from gcs.planning.team_routes import plan_routes
 from sim_vehicles.vehicle.guidance import ToPoint
 from sim_vehicles.vehicle.paper_airframe import Airframe
 

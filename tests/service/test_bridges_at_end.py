@@ -15,9 +15,9 @@ from gcs.io.clock import RunClock, steady_ns
 from gcs.io.cluster.all_bridges import AllBridges
 from gcs.io.cluster.bridge_links import BridgeLinks
 from gcs.io.cluster.bridge_messages import Down, decode, encode
+from gcs.io.cluster.bridge_settings import bridge_settings
 from gcs.io.cluster.command_lease import CommandLease
 from gcs.io.zenoh.session import ZenohSession
-from gcs.service.bridge_start import bridge_settings
 from gcs.service.service import Service
 
 CONFIG = load("deterministic")

@@ -132,7 +132,7 @@ def start_process() -> Iterator[Callable[..., subprocess.Popen[str]]]:
     ) -> subprocess.Popen[str]:
         truth = ("127.0.0.1", truth_port) if truth_port else None
         arguments = VehicleArguments(FRAME, list(specs), loss)
-        command, pipe = process_command("vehicle.process", arguments), subprocess.PIPE
+        command, pipe = process_command("vehicle.vehicle_process", arguments), subprocess.PIPE
         process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=stderr, text=True)
         running.append(process)
         assert process.stdin is not None

@@ -10,13 +10,13 @@ from rich.console import Console
 
 from gcs.cli.analyse.playback import ReplayOptions, duration_s, open_source
 from gcs.cli.analyse.run_file import RunFile
-from gcs.cli.console_page import comparison_page
+from gcs.cli.replay_console import comparison_page
 from gcs.cli.run_setup import warm_up
 from gcs.cli.warm_up_progress import flying
 from gcs.errors import ConsoleError, RecordingError
 from gcs.io.recording.reader import Damage
 from gcs.service.replay import Replay
-from gcs.service.service import wait_for_interrupt
+from gcs.service.signals import wait_for_interrupt
 
 
 def run_comparison(options: ReplayOptions, other: RunFile, console: Console) -> int:

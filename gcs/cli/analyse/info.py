@@ -28,7 +28,7 @@ from gcs.io.recording.topics import topic_of
 from gcs.io.terminal import console_for
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, AgentStatus, Datagram, MissionEnded, Scan, Send
-from gcs.report.telemetry.traffic import Traffic, rate_hz
+from gcs.report.telemetry.message_statistics import Traffic, rate_hz
 
 app = command_app()
 

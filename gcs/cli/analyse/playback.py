@@ -19,9 +19,10 @@ from rich.console import Console
 
 from gcs.cli.analyse.run_file import RunFile
 from gcs.cli.analyse.whatif import Comparison, comparison_table, different_settings
-from gcs.cli.console_page import DEFAULT_PAGE, PageOptions, replay_page
+from gcs.cli.console_options import DEFAULT_PAGE, PageOptions
 from gcs.cli.prepare.first_mission_file import mission_name, mission_text
 from gcs.cli.prepare.sketch.telemetry import read_vehicles
+from gcs.cli.replay_console import replay_page
 from gcs.cli.run_setup import display, warm_up
 from gcs.cli.warm_up_progress import flying
 from gcs.config import Config, load, parse
@@ -32,7 +33,7 @@ from gcs.io.recording.reader import Record, RecordingInfo, read, read_info
 from gcs.model import NS_PER_S, Effect, Event, Snapshot, named
 from gcs.report.run.verification import Verification
 from gcs.service.replay import Replay, Verifier, Window
-from gcs.service.service import wait_for_interrupt
+from gcs.service.signals import wait_for_interrupt
 
 _SCANNED_NS: Final = 2 * NS_PER_S
 """A replay begins this long before the time to show, so that scans bring tracks."""

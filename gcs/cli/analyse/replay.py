@@ -82,7 +82,7 @@ def replay(
     """
     from gcs.cli.analyse.playback import ReplayOptions, parse_speed, run_replay
     from gcs.cli.analyse.run_file import RunFile
-    from gcs.cli.console_page import PageOptions
+    from gcs.cli.console_options import PageOptions
     from gcs.service.replay import Window
 
     with exit_on_error():

@@ -1,4 +1,4 @@
-"""Material of the page about a run, read from its file.
+"""Material of `gcs report`: timeline, evaluation and tracks of a run, read from its file in one pass.
 
 The file is read once, whatever its kind: a recording or a telemetry log. The page names
 what the file does not have (ground truth, tracks, times) and shows the rest.
@@ -35,11 +35,11 @@ from gcs.mavlink.frames.codec import scan
 from gcs.model import Datagram, Effect, Event, Picture, Plan, Scan, Send
 from gcs.report.plots.maps import Ground
 from gcs.report.run.evaluation import Evaluator, Summary, evaluator_of
-from gcs.report.run.page import Material, run_page
+from gcs.report.run.run_page import Material, run_page
 from gcs.report.run.timeline import Timeline, TimelineBuilder
 from gcs.report.run.tracks_csv import TracksCsv
 from gcs.report.telemetry.flights import Flights, jump_lines
-from gcs.report.telemetry.traffic import Traffic
+from gcs.report.telemetry.message_statistics import Traffic
 from gcs.service.foreign_logs import DetectionFile
 
 CSV_NAME: Final = "tracks.csv"
@@ -156,7 +156,9 @@ class _Reading:
                     csv.add_picture(value, builder.start_t_ns)
         if records == 0:
             raise RecordingError(str(path), "has no records" + _because(self.remarks))
-        name = header.run.scenario if header.run else self.config.name if self.config else path.name
+        name = self.config.name if self.config else path.name
+        if header.run:
+            name = header.run.scenario
         timeline = builder.build()
         if not timeline.has_truth:
             self.remarks.append(

@@ -1,4 +1,4 @@
-"""`gcs track`: tracking of recorded detections, scores, output files and picture.
+"""Run of `gcs track`: estimators, output files and picture.
 
 `gcs.tracking.batch` tracks.
 """

@@ -43,7 +43,7 @@ def console(
 
     When the service ends, the pages say so; when it is back, they go on.
     """
-    from gcs.cli.console_page import PageOptions
+    from gcs.cli.console_options import PageOptions
     from gcs.cli.console_process import serve_console, serve_for_parent
 
     options = PageOptions(page, page_access, open_page, page_map)

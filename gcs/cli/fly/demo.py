@@ -71,7 +71,7 @@ def demo(
     Each vehicle is a process. The run ends when every agent has reached a target or is lost, and leaves a
     summary, a recording and a picture. Ctrl-C ends it early; the recording stays readable.
     """
-    from gcs.cli.console_page import PageOptions
+    from gcs.cli.console_options import PageOptions
     from gcs.cli.fly.demo_simulation import DemoOptions, DemoSimulation
     from gcs.config import parse, read_text
 

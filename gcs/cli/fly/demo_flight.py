@@ -12,10 +12,10 @@ import numpy as np
 from msgspec import structs
 from rich.console import Console
 
-from gcs.cli.console_page import service_page
 from gcs.cli.fly.demo_simulation import DemoOptions, DemoSimulation
 from gcs.cli.link_table import link_rows
 from gcs.cli.run_setup import display, open_recorder, warm_up
+from gcs.cli.service_console import service_page
 from gcs.cli.warm_up_progress import flying
 from gcs.config import Config, parse, read_text
 from gcs.core.airspace.obstacle_map import mission_grid
@@ -36,8 +36,10 @@ from gcs.report.plots.figures import draw_run
 from gcs.report.plots.maps import Ground
 from gcs.report.run.evaluation import Evaluator, Summary, evaluator_of, summary_json
 from gcs.report.run.summary import print_summary
-from gcs.service.bridge_start import bridges_of
-from gcs.service.service import Health, Service, fly_on_after_hangup, wait_for_interrupt
+from gcs.service.bridge_connection import bridges_of
+from gcs.service.service import Service
+from gcs.service.service_load import ServiceLoad
+from gcs.service.signals import fly_on_after_hangup, wait_for_interrupt
 
 
 def run_demo(simulation: DemoSimulation, console: Console) -> int:
@@ -159,7 +161,7 @@ async def _fly(
     evaluator: Evaluator,
     console: Console,
     view: QueuedText,
-) -> tuple[Health, tuple[dict[str, Any], ...], float, bool]:
+) -> tuple[ServiceLoad, tuple[dict[str, Any], ...], float, bool]:
     """Fly; return health, link counters, run time in seconds, and True if interrupted."""
     options = simulation.options
     forward = [link for link in config.mavlink_links if link.role != "vehicles"]

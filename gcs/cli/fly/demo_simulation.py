@@ -19,7 +19,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self
 
-from gcs.cli.console_page import DEFAULT_PAGE, PageOptions
+from gcs.cli.console_options import DEFAULT_PAGE, PageOptions
 from gcs.errors import ConfigError, InterruptedRunError, SimulationError
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 

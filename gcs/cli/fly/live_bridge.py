@@ -8,12 +8,12 @@ from rich.console import Console
 
 from gcs.config import Config, parse, read_text
 from gcs.errors import ConfigError
-from gcs.io.service_manager import watched
+from gcs.io.cluster.bridge_settings import bridge_settings
+from gcs.io.systemd import watched
 from gcs.service.bridge import Bridge
 from gcs.service.bridge_process import open_bridge
-from gcs.service.bridge_start import bridge_settings
 from gcs.service.resume import default_path
-from gcs.service.service import wait_for_interrupt
+from gcs.service.signals import wait_for_interrupt
 
 
 def serve_bridge(scenario: str, bridge: str | None, console: Console) -> None:

@@ -15,9 +15,10 @@ from typing import Final
 
 from rich.console import Console
 
-from gcs.cli.console_page import DEFAULT_PAGE, PageOptions, service_page
+from gcs.cli.console_options import DEFAULT_PAGE, PageOptions
 from gcs.cli.link_table import link_rows, link_table
 from gcs.cli.run_setup import display, open_recorder, warm_up
+from gcs.cli.service_console import service_page
 from gcs.cli.warm_up_progress import flying
 from gcs.cli.zenoh_security import zenoh_warnings
 from gcs.config import Config, parse, read_text
@@ -28,18 +29,19 @@ from gcs.io.cluster.all_bridges import AllBridges
 from gcs.io.event_loop import on_loop
 from gcs.io.recording.folder import Run
 from gcs.io.recording.recorder_thread import RecorderThread
-from gcs.io.service_manager import watched
+from gcs.io.systemd import watched
 from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.key_expressions import events_key
 from gcs.io.zenoh.session import ZenohSession, from_this_machine, service_bus
 from gcs.mavlink.frames.fast_scan import Scanner
 from gcs.report.run.summary import recording_facts
-from gcs.service.bridge_start import bridges_for_standby, bridges_of, is_bridge_of_other_node
+from gcs.service.bridge_connection import bridges_for_standby, bridges_of, is_bridge_of_other_node
 from gcs.service.event_publisher import EventPublisher
 from gcs.service.journal import Journal, JournalSink, fingerprint
 from gcs.service.node_supervisor import is_supervised_by_system, supervise_node
 from gcs.service.resume import default_path, resume_from_journal
-from gcs.service.service import Service, fly_on_after_hangup, wait_for_interrupt
+from gcs.service.service import Service
+from gcs.service.signals import fly_on_after_hangup, wait_for_interrupt
 from gcs.service.standby import IgnoredLinks, Standby, TakeOver
 
 _LEARN_S: Final = 5.0
@@ -52,8 +54,8 @@ _GIVE_WAY_S: Final = 10.0
 
 
 @dataclass(frozen=True)
-class RunFiles:
-    """Files of a run."""
+class RunStorage:
+    """Where a run is recorded, and what it continues from."""
 
     recording: Path | None
     journal: Path | None
@@ -68,7 +70,7 @@ def serve(
     console: Console,
     *,
     headless: bool,
-    files: RunFiles,
+    storage: RunStorage,
     clock: RunClock,
     page: PageOptions = DEFAULT_PAGE,
     is_standby: bool = False,
@@ -94,7 +96,7 @@ def serve(
             "tcp/127.0.0.1:7448; the same mission file is for all",
         )
     start = 1
-    out = files.recording
+    out = storage.recording
     if config.links.standby and not is_supervised_by_system():
         start = supervise_node(partial(_say_on, console))
         if out is not None and start > 1:
@@ -102,7 +104,7 @@ def serve(
     warm_up(console, *flying(config))
     follows = is_standby or is_bridge_of_other_node(config, source, config.mavlink_links)
     connected = bridges_for_standby if follows else bridges_of
-    journal = Journal(files.journal or default_path(config.name), config.name, fingerprint(text, seed))
+    journal = Journal(storage.journal or default_path(config.name), config.name, fingerprint(text, seed))
     name = f"{config.name}-{datetime.now(tz=UTC):%Y%m%d-%H%M%S}"
     with (
         off_loop(console) as view,
@@ -121,7 +123,7 @@ def serve(
             fingerprint=journal.belongs_to,
             clock=clock,
             page=page,
-            resume=files.resume,
+            resume=storage.resume,
             headless=headless,
             is_standby=is_standby,
             is_started_again=start > 1,

@@ -39,7 +39,7 @@ def metrics(
     In prometheus.yml: `static_configs: [{targets: ["127.0.0.1:9480"]}]`. The values are made when Prometheus
     reads them, and cost the flight as much as an open page.
     """
-    from gcs.cli.console_page import PageOptions
+    from gcs.cli.console_options import PageOptions
     from gcs.cli.console_process import serve_console
 
     options = PageOptions(listen, page_access)

@@ -74,8 +74,8 @@ def run(
 
     After Ctrl-C the vehicles fly their missions to the end. Started again, the service resumes.
     """
-    from gcs.cli.console_page import PageOptions
-    from gcs.cli.fly.live_service import RunFiles, serve
+    from gcs.cli.console_options import PageOptions
+    from gcs.cli.fly.live_service import RunStorage, serve
     from gcs.io.clock import RunClock
 
     run_clock = RunClock()
@@ -94,7 +94,7 @@ def run(
             seed,
             output,
             headless=headless,
-            files=RunFiles(out, journal, resume),
+            storage=RunStorage(out, journal, resume),
             clock=run_clock,
             page=PageOptions(page, page_access, open_page, page_map),
             is_standby=role is Role.STANDBY,

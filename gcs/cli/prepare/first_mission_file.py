@@ -1,4 +1,4 @@
-"""First mission file, from a sketch of vehicles, targets and areas."""
+"""First mission file of `gcs init`: map, cells and altitudes around a sketch of vehicles and targets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of vehicles, links and sensors before a flight: run and printed."""
+"""Run of `gcs preflight`: asks vehicles, links and sensors, checks the answers, prints the tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One plan without a flight: planned, drawn and printed.
+"""Plan of `gcs plan`: one plan without a flight, drawn and printed.
 
 Agents are at the starts of the mission and targets at its target births, unless positions are given. Given
 agents are numbered from 1. Targets are T0.0, T0.1 and so on: the names of tracks that are born there in the
@@ -32,9 +32,11 @@ from gcs.planning.forward_simulation import LoiterCircle
 from gcs.planning.manoeuvres.landing import LandingSpec, ReturnRoute, plan_return_route
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.plan_notes import PlanNote
-from gcs.planning.planner import PlanResult, Stage, plan_mission
+from gcs.planning.plan_result import PlanResult
+from gcs.planning.planner import plan_mission
 from gcs.planning.planner_inputs import AgentState, MissionInputs
-from gcs.report.plots.plan import PlanDrawing, draw_plan
+from gcs.planning.team_routes import Stage
+from gcs.report.plots.plan_figure import PlanDrawing, draw_plan
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""A run in this process, for the console: a replay."""
+"""Run in this process, for the console: a replay."""
 
 from __future__ import annotations
 

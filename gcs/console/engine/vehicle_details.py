@@ -25,7 +25,7 @@ from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.vehicle import Health
 from gcs.mavlink.mission.items import Item
 from gcs.model import NS_PER_S
-from gcs.model.control import Authority, Claim
+from gcs.model.authority import Authority, Claim
 from gcs.model.rounding import rounded, rounded_place
 
 _COMMANDS: Final = dialect.enums["MAV_CMD"]

@@ -1,4 +1,4 @@
-"""A service in another process, for its console."""
+"""Run in another process, for its console: a service over zenoh."""
 
 from __future__ import annotations
 

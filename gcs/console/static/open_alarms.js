@@ -1,5 +1,5 @@
-// Open alarms and warnings. One is open until its condition ends, or until it is acknowledged on this screen; a
-// newer one of the same condition replaces the older one.
+// Open alarms and warnings: each until its condition ends, or until it is acknowledged on this screen.
+// A newer one of the same condition replaces the older one.
 
 /** @import { LogEntry } from "../page_types.d.ts" */
 

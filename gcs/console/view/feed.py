@@ -1,4 +1,4 @@
-"""Feed of the console: a sink on the loop of the run.
+"""Feed of the console: what it takes from a run, how often, and how much at a time.
 
 The run must not wait for a browser, so the feed only keeps references, in bounded and numbered queues.
 Consoles ask for what is new (`gcs.console.view.news`). Without a page no state is captured.

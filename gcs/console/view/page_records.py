@@ -1,4 +1,4 @@
-"""Records of the console: all that its page and other programs get, besides those of `gcs.model`.
+"""Records of the console: the schema of all that its page and other programs get.
 
 The feed and `/api` encode them; the description of `/api` and the types of the page's modules are made from
 them. Agents, targets, sensors, routes, plans, no-fly zones and answers are the records of `gcs.model`.

@@ -1,4 +1,4 @@
-"""Everything that a page shows, in named sections of JSON (`Sections`).
+"""State of a page: everything that it shows, in named sections of JSON; how much of log and trails.
 
 An update has the sections that have changed, and the new entries of lists (log, answers, scans). A snapshot
 has all sections and the last entries; a page that missed updates gets one.

@@ -1,4 +1,4 @@
-"""Marks of a run (losses, arrivals, plans, failed uploads, alarms, orders), and the data of its charts.
+"""Marks of a run (losses, arrivals, plans, failed uploads, alarms, orders), which charts and replay show.
 
 In a live run they come from the feed. Those of a recording are read from its file on a thread of their own,
 so that they are known before the replay comes to them; pages show them as they are found.

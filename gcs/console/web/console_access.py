@@ -1,4 +1,4 @@
-"""Who may open the console: its address, tokens and TLS.
+"""Access to the console: its address and port, its tokens, and TLS.
 
 On a loopback address everybody on this machine may operate, as over zenoh. Any other address needs a folder
 with a TLS certificate and a token.

@@ -1,4 +1,4 @@
-"""Checks of each request, and headers of each response.
+"""Checks of each web request: origin, token, cookie, sizes; and headers of each response.
 
 - A request is short: its address, its headers and their number.
 - The Host header must name this server: else another site's name could point here (DNS rebinding).

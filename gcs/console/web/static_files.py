@@ -1,4 +1,4 @@
-"""Files of the page.
+"""Files of the console's page: its modules as one script, with cache headers.
 
 The page's modules are served as one script and its styles as one sheet, for a browser needs longer for forty
 requests than for the content. Comments with types are left out there. Their path has a version, so that a

@@ -1,4 +1,4 @@
-"""A limit on wrong tokens: each client may try a few, and then one a second.
+"""Limit on wrong tokens: each client may try a few, and then one a second.
 
 Tokens of a client beyond that are refused unread, the right one too. But a client that had the right token is
 never refused: nobody can lock an operator out from another address. The answer to a wrong token is delayed.

@@ -1,4 +1,4 @@
-"""What the console serves: the page, its feed, orders, and data for programs."""
+"""Routes of the web server: the page, its feed, orders, and data for programs; limits on requests."""
 
 from __future__ import annotations
 

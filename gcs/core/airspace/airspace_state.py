@@ -15,6 +15,7 @@ class AirspaceState:
     """Closed zones by name."""
     incursions_s: dict[tuple[int, str], float] = field(default_factory=dict)
     """Time to each imminent incursion at the last check, by vehicle and zone."""
+    next_zone_check_t_ns: int = 0
     near_ground: dict[int, int] = field(default_factory=dict)
     """Time at which each vehicle that was told was last too near to the ground."""
     next_ground_check_t_ns: int = 0

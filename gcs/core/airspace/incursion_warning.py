@@ -1,9 +1,9 @@
-"""Warnings of incursions: onboard missions that lead into a no-fly zone.
+"""Warnings of incursions: how soon a flight or an onboard mission leads into a closed no-fly zone.
 
 After a zone is closed, a vehicle flies its verified mission until a new one is on board. If there is no other
-route, or it is not confirmed or not uploaded, the vehicle enters the zone. It is not held automatically: a
-loiter circle may be no safer than the mission. The operator is warned when the zone is closed, and again
-shortly before the incursion.
+route, or it is not confirmed or not uploaded, that leads into the zone. The operator is warned when the zone
+is closed, and again shortly before the incursion. Then the vehicle holds, if its circle is clear
+(`gcs.core.separation.avoidance`).
 """
 
 from __future__ import annotations
@@ -12,18 +12,21 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Final
 
 import numpy as np
 
 from gcs.core.airspace.airspace_state import AirspaceState
 from gcs.core.airspace.no_fly_zones import ClosedZone
 from gcs.core.tasking.onboard_missions import OnboardMissions
+from gcs.mavlink.services.retry import ns
 from gcs.model import UNLIMITED, Notice, NoticeCode, Parameter, VehicleState
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
 
 WARNING_S = 20.0
 """Time before an incursion at which the warning is repeated."""
+_PERIOD_NS: Final = ns(1.0)
 _MIN_SPEED_M_S = 1.0
 _HALVINGS = 12
 
@@ -74,11 +77,18 @@ class IncursionWarnings:
                 found += sorted(ones, key=lambda one: one.after_s)[:1]
         return found
 
-    def check(
+    def imminent(
         self, t_ns: int, states: Iterable[VehicleState], zones: Mapping[str, ClosedZone]
-    ) -> list[Notice]:
+    ) -> list[Incursion] | None:
+        """Return the incursions within `WARNING_S`, once a second; None between two checks."""
+        if t_ns < self._state.next_zone_check_t_ns:
+            return None
+        self._state.next_zone_check_t_ns = t_ns + _PERIOD_NS
+        return [entry for entry in self.entries(states, zones) if entry.after_s <= WARNING_S]
+
+    def tell(self, t_ns: int, imminent: Iterable[Incursion]) -> list[Notice]:
         """Return alarms of imminent and actual incursions, each once until it is over."""
-        due = {(e.vehicle, e.zone): e for e in self.entries(states, zones) if e.after_s <= WARNING_S}
+        due = {(e.vehicle, e.zone): e for e in imminent}
         notices = []
         for key, entry in due.items():
             before_s = self._state.incursions_s.get(key)

@@ -1,4 +1,4 @@
-"""Last check of a mission before its upload: nothing of it may lie outside the map or the fence.
+"""Bounds of a mission, checked before its upload: map, fence with ceilings, ground. With tolerances.
 
 Items are checked one by one, and so is what the vehicle will fly between them: climb, legs, turns, loiter
 circle and landing approach, forward-simulated from the items (`gcs.planning.forward_simulation`). What is
@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -39,6 +39,14 @@ _PLACE_ROUNDING_M: Final = 0.02
 _RELATIVE: Final = (dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
 
 
+class BoundsProblem(NamedTuple):
+    """What of a mission is out of bounds."""
+
+    kind: str
+    """Identity: the bound, and the command of the item."""
+    text: str
+
+
 class MissionBoundsCheck:
     """Checks mission items, and the flight along them."""
 
@@ -52,8 +60,8 @@ class MissionBoundsCheck:
         self._least_agl_m = 0.0 if config.terrain is None else 0.5 * config.terrain.min_agl_m
         self._keeps_clear = config.planning.shape == "flyable" and config.planning.clearance_m > 0.0
 
-    def problem(self, items: Sequence[Item], state: VehicleState | None) -> str:
-        """Return the first item out of bounds, in words; empty if there is none.
+    def problem(self, items: Sequence[Item], state: VehicleState | None) -> BoundsProblem | None:
+        """Return the first item out of bounds.
 
         A vehicle inside an exclusion area may get items there: it has to leave it.
 
@@ -69,12 +77,14 @@ class MissionBoundsCheck:
             position_m = state.east_m, state.north_m
             areas = [area for area in areas if area.stay_in or not self._contains(area, position_m)]
         for number, item in enumerate(items, start=1):
-            problem = self._outside(item, areas)
-            if problem:
+            outside = self._outside(item, areas)
+            if outside is not None:
+                bound, problem = outside
                 name = dialect.enums["MAV_CMD"][item.command].name.removeprefix("MAV_CMD_NAV_").lower()
                 lat_lon = f"{item.x * 1e-7:.6f}, {item.y * 1e-7:.6f}"
-                return f"point {number} of {len(items)} ({name} at {lat_lon}) {problem}"
-        return ""
+                text = f"point {number} of {len(items)} ({name} at {lat_lon}) {problem}"
+                return BoundsProblem(f"{bound} {item.command}", text)
+        return None
 
     def flight_problem(
         self,
@@ -84,8 +94,8 @@ class MissionBoundsCheck:
         upload_s: float,
         height_msl_m: float,
         home_msl_m: float,
-    ) -> str:
-        """Return the first part of a flight that is not clear of fence, obstacles and ground, or "".
+    ) -> BoundsProblem | None:
+        """Return the first part of a flight that is not clear of fence, obstacles and ground.
 
         The part that leads a vehicle into the fence does not count, nor the way of a vehicle out of an
         obstacle: of that only the end does.
@@ -102,7 +112,7 @@ class MissionBoundsCheck:
             Heights of the vehicle and of its home above mean sea level.
         """
         if not items:
-            return ""
+            return None
         lag_s = self._airframes[vehicle].turn_lag_s
         begin = simulate(NOWHERE, motion, upload_s, lag_s).motion_at(-1)
         flown_m, parts = self._flight(items, vehicle, begin)
@@ -113,6 +123,7 @@ class MissionBoundsCheck:
         inside = np.flatnonzero(~outside)
         begins = int(inside[0]) if len(inside) else 0
         wrong = begins + np.flatnonzero(outside[begins:])
+        bound = "fence"
         what = "leaves the fence"
         if not len(wrong) and self._keeps_clear:
             blocked = _is_blocked(self._zones.grid, flown_m)
@@ -121,15 +132,19 @@ class MissionBoundsCheck:
                 is_end = parts >= len(items) - 1
                 blocked &= is_end
             wrong = np.flatnonzero(blocked)
+            bound = "obstacle"
             what = "hits an obstacle, a no-fly zone or the fence"
         if not len(wrong):
             wrong = np.flatnonzero(self._is_near_ground(items, flown_m, parts, lowest_msl_m, home_msl_m))
+            bound = "ground"
             what = f"comes nearer to the ground than {self._least_agl_m:g} m"
         if not len(wrong):
-            return ""
+            return None
         first = int(wrong[0])
         lat_deg, lon_deg = self._frame.to_geodetic(*flown_m[first].tolist())
-        return f"{_part(items, int(parts[first]))} {what} at {lat_deg:.6f}, {lon_deg:.6f}"
+        index = int(parts[first])
+        text = f"{_part(items, index)} {what} at {lat_deg:.6f}, {lon_deg:.6f}"
+        return BoundsProblem(f"{bound} {items[index].command}", text)
 
     def _places_m(self, items: Sequence[Item]) -> list[Point]:
         return [self._frame.to_local(item.x * 1e-7, item.y * 1e-7) for item in items]
@@ -208,18 +223,19 @@ class MissionBoundsCheck:
             outside |= area.contains(flown_m, self._frame) != area.stay_in
         return outside
 
-    def _outside(self, item: Item, areas: Sequence[Area]) -> str:
+    def _outside(self, item: Item, areas: Sequence[Area]) -> tuple[str, str] | None:
+        """Return the bound that an item is out of, and the problem in words."""
         if not math.isfinite(item.z_m):
-            return "has no height"
+            return "height", "has no height"
         ceiling_m = self._ceiling_m
         if ceiling_m and item.frame in _RELATIVE and item.z_m > ceiling_m + _ROUNDING_M:
-            return f"is {item.z_m:.0f} m high, above the fence's ceiling of {ceiling_m:g} m"
+            return "ceiling", f"is {item.z_m:.0f} m high, above the fence's ceiling of {ceiling_m:g} m"
         position_m = self._frame.to_local(item.x * 1e-7, item.y * 1e-7)
         if not self._zones.grid.contains(position_m, _PLACE_ROUNDING_M):
-            return "lies outside the map"
+            return "map", "lies outside the map"
         if any(self._contains(area, position_m) != area.stay_in for area in areas):
-            return "lies outside the fence"
-        return ""
+            return "fence", "lies outside the fence"
+        return None
 
     def _contains(self, area: Area, position_m: tuple[float, float]) -> bool:
         return bool(area.contains(np.array([position_m]), self._frame)[0])

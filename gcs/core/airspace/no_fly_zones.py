@@ -6,6 +6,7 @@ A zone blocks every grid cell that it overlaps, like an obstacle of the map, at 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -99,6 +100,10 @@ class NoFlyZones:
     def _closed(self, area: LimitedArea) -> ClosedZone:
         cells = blocked_by(free_grid_like(self._open.full), [area])
         return ClosedZone(cells, area.limits, self._open)
+
+    def limited(self) -> Iterator[ClosedZone]:
+        """Yield all areas with vertical limits, those of the mission as well."""
+        return map(self._closed, self.obstacles.limited)
 
     def contain(self, place: Point) -> bool:
         """Return True if a position in an altitude layer is in a closed zone."""

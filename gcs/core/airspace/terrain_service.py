@@ -1,4 +1,4 @@
-"""Terrain for autopilots that ask for it, from the mission's elevation model."""
+"""Answers to autopilots that ask for terrain, from the elevation model of the mission."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Claims to a vehicle that its telemetry, its mission and our orders show at any time.
+"""Which vehicles are not ours to task, as their mode, their mission and our orders show at any time.
 
-The other claims are recorded when their events happen (`gcs.model.control`).
+The other claims are recorded when their events happen (`gcs.model.authority`).
 """
 
 from __future__ import annotations

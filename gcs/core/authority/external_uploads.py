@@ -187,7 +187,9 @@ class ExternalUploads:
         reports_t_ns[key] = t_ns
         station = f"system {frame.system_id}/{frame.component_id} at {datagram.peer}"
         danger = _danger(frame, number)
-        kind = "danger" if danger else "arms" if number == _ARM_DISARM else "commands"
+        kind = "arms" if number == _ARM_DISARM else "commands"
+        if danger:
+            kind = "danger"
         code = _REPORTS[kind, vehicle is None]
         effects.append(Notice(t_ns, code, vehicle, {"message": name, "station": station, "danger": danger}))
 

@@ -1,4 +1,4 @@
-"""Commands of other ground stations that choose a mode.
+"""Commands of other ground stations that choose a mode: which they are, and whether a vehicle obeys.
 
 Nothing that steers is sent to a vehicle from such a command on: its heartbeat shows the mode up to a second
 later. AUTO is no other mode: the vehicle flies its mission.
@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.autopilots.modes import AUTO
-from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Frame, Message, is_for
+from gcs.mavlink.frames.codec import OWN_IDS, Frame, Message, is_for
 from gcs.mavlink.router.access_policy import command_of
 
 _SET_MODE: Final[int] = dialect.MAV_CMD_DO_SET_MODE
@@ -43,7 +43,6 @@ _MESSAGES: Final[frozenset[int]] = frozenset(
 )
 _GUIDED_ITEM: Final = 2
 """`current` of a mission item that ArduPilot flies to at once."""
-_OWN: Final = (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
 
 
 def chooses_mode(frame: Frame, profile: AutopilotProfile | None) -> bool:
@@ -68,4 +67,4 @@ def obeys_other_station(message: Message) -> bool:
     if message.get_type() != "COMMAND_ACK" or message.command not in _COMMANDS:
         return False
     is_accepted = message.result in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS)
-    return is_accepted and message.target_system != 0 and not is_for(message, _OWN)
+    return is_accepted and message.target_system != 0 and not is_for(message, OWN_IDS)

@@ -1,4 +1,4 @@
-"""Control authority over all vehicles: which of them a pilot, a failsafe or another station has overridden.
+"""Overrides: which vehicles a pilot, a failsafe or another station has put into another mode.
 
 `gcs.mavlink.fleet.mode_authority` classifies the mode changes of one vehicle. MISSION_CURRENT explains some
 of them afterwards: a PX4 in Hold rejects its mission, an ArduPlane in RTL has completed its mission.

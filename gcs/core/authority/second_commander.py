@@ -28,7 +28,7 @@ from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.own_ids import SETTLED_NS
 from gcs.mavlink.fleet.peers import Address
-from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message, frame_at, target_of
+from gcs.mavlink.frames.codec import OWN_IDS, Message, frame_at, target_of
 from gcs.mavlink.router.access_policy import MISSION_PROTOCOL, command_of
 from gcs.mavlink.services.retry import ns
 from gcs.model import (
@@ -55,7 +55,6 @@ _ANSWERS: Final = frozenset(
         "MISSION_ITEM_INT",
     }
 )
-_OWN: Final = (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
 _HEARTBEAT: Final[int] = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _MIN_UNASKED: Final = 2
 _MAX_GAP_NS: Final = ns(60.0)
@@ -103,7 +102,7 @@ class SecondCommander:
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle."""
         name = message.get_type()
-        if name not in _ANSWERS or (message.target_system, message.target_component) != _OWN:
+        if name not in _ANSWERS or (message.target_system, message.target_component) != OWN_IDS:
             return []
         agent = self._agents[vehicle]
         watch = agent.authority.commander
@@ -154,7 +153,7 @@ class SecondCommander:
         agent = self._agents[vehicle]
         if Authority.SECOND_COMMANDER in agent.claims:
             return []
-        parameters: dict[str, Parameter] = {"ids": f"{_OWN[0]}/{_OWN[1]}", "sign": sign}
+        parameters: dict[str, Parameter] = {"ids": f"{OWN_IDS[0]}/{OWN_IDS[1]}", "sign": sign}
         if agent.authority.commander.is_tolerated:
             return self._remind(Notice(t_ns, NoticeCode.SECOND_COMMANDER_TOLERATED, vehicle, parameters))
         agent.claims.apply(ControlEvent.COMMANDED_ELSEWHERE, t_ns)
@@ -164,7 +163,7 @@ class SecondCommander:
 
     def _remind(self, reminder: Notice) -> list[Effect]:
         """Warn at intervals of a service that an operator has decided to ignore."""
-        key = (reminder.vehicle or 0, _OWN, "")
+        key = (reminder.vehicle or 0, OWN_IDS, "")
         t_ns = reminder.t_ns
         last_t_ns = self._state.reports_t_ns.get(key)
         if last_t_ns is not None and t_ns - last_t_ns < _REMINDER_NS:

@@ -1,6 +1,6 @@
-"""Flight phases: what each vehicle does, and whether it came down.
+"""Flight phases: on the ground, climbing, en route, landed; and whether a vehicle came down, or sinks.
 
-Each observation of the telemetry gives one event of `gcs.model.flight`. The evidence, in this order:
+Each observation of the telemetry gives one event of `gcs.model.flight_phase`. The evidence, in this order:
 
 * On the ground (`gcs.mavlink.fleet.on_ground`) for `_SETTLE_NS`: it stands, if it has not been higher than
   `LOW_M` since it last stood; else it has landed, or came down.
@@ -44,7 +44,7 @@ from gcs.model import (
     VehicleState,
     target_name,
 )
-from gcs.model.names import home_label
+from gcs.model.vehicle_ids import home_label
 from gcs.planning.map.grid import Point
 
 _PERIOD_NS: Final = ns(0.25)

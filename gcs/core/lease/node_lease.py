@@ -2,7 +2,7 @@
 
 A node counts a bridge as held until a lease after it *sent* the ask, less a margin. The bridge's answer is
 later than the ask, so the permit ends later, whatever the two clocks show. Each node waits another short
-time before it asks for a free bridge (`delay_ns`, chosen at random in `gcs.service.bridge_start`).
+time before it asks for a free bridge (`delay_ns`, chosen at random in `gcs.service.bridge_connection`).
 
 A node commands while it holds most of the mission's bridges; of half of them, those with the first. Two
 nodes with most of them have one in common, which granted them one after the other. For a lease, a bridge

@@ -18,6 +18,7 @@ from typing import Final
 from gcs.core.operator.order_commands import MODES, ordered_modes
 from gcs.core.replanning.stacked_missions import StackedMissions
 from gcs.core.separation.order_check import OrderCheck
+from gcs.core.separation.predicted_flights import PredictedFlights
 from gcs.core.state import State
 from gcs.core.takeoff.sequence import SELF_LAUNCHING, TakeoffSequence
 from gcs.core.tasking.upload_manager import UploadManager
@@ -80,7 +81,15 @@ class OrderRefusals:
                 return "is disarmed"
         return ""
 
-    def refusal(self, order: Order, vehicle: int, begun: Collection[int], *, is_heard: bool) -> str:
+    def refusal(
+        self,
+        order: Order,
+        vehicle: int,
+        begun: Collection[int],
+        flights: PredictedFlights,
+        *,
+        is_heard: bool,
+    ) -> str:
         """Return why an order to a vehicle is refused, while those to others begin; empty if it is not."""
         state = self._fleet.state(vehicle)
         claims = self._agents[vehicle].control.claims
@@ -93,7 +102,7 @@ class OrderRefusals:
                 return Authority.UNSUPPORTED.reason  # its modes are not known
             case "resume":
                 refusal = self._cannot_resume(state) or self._blocked(order, vehicle, begun)
-                return refusal or self._leads_near(vehicle, begun, order.t_ns)
+                return refusal or self._leads_near(vehicle, begun, flights)
             case "arm" if not is_heard:
                 return "is not heard: its mode is not known"
             case "arm":
@@ -157,15 +166,16 @@ class OrderRefusals:
         reason = self._takeoff_sequence.blocked_by(vehicle, starting, order.t_ns)
         return f"would take off at once, and {reason}, then order it again" if reason else ""
 
-    def _leads_near(self, vehicle: int, resumed: Collection[int], t_ns: int) -> str:
+    def _leads_near(self, vehicle: int, resumed: Collection[int], flights: PredictedFlights) -> str:
         """Return which vehicle a resumed one would come near to; empty if none."""
         state = self._fleet.state(vehicle)
+        t_ns = flights.t_ns
         mode = self._resumed_mode(vehicle, t_ns)
         is_in_air = state is not None and not is_on_ground(state, self._fleet.home(vehicle))
         if state is None or not is_in_air or state.mode == mode:
             return ""
         modes = {other: self._resumed_mode(other, t_ns) for other in (*resumed, vehicle)}
-        problem = self._order_check.problem(vehicle, ordered_modes(self._agents) | modes, t_ns)
+        problem = self._order_check.problem(vehicle, ordered_modes(self._agents) | modes, flights)
         return f"{problem}: resume it when they are apart" if problem else ""
 
     def _resumed_mode(self, vehicle: int, t_ns: int) -> str:

@@ -23,7 +23,7 @@ from gcs.core.operator.plan_figures import PlanFigures
 from gcs.core.operator.records import OperatorState, OrderInProgress
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.replanner import Replanner
-from gcs.core.state import Agent, flown_routes
+from gcs.core.state import Agent, flown_routes, without_missions
 from gcs.model import (
     NS_PER_S,
     AnswerState,
@@ -97,6 +97,12 @@ class PlanApproval:
             if route.is_same(self._agents[route.vehicle].routes.proposed) and route.vehicle not in untaskable
         )
         return [] if len(left) == len(pending.routes) else self._keep(t_ns, left)
+
+    def refresh_ours(self, t_ns: int) -> list[Effect]:
+        """Remove the vehicles as well that get no mission now: not ours, or unable to fly."""
+        if self._state.pending is None:
+            return []
+        return self.refresh(t_ns, without_missions(self._agents))
 
     def changed_control(self) -> list[int]:
         """Return the active vehicles that came under control, or left it, since the waiting plan was made."""

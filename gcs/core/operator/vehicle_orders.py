@@ -81,6 +81,7 @@ class Orders:
         effects: list[Effect] = []
         begun: list[int] = []
         unchanged: dict[int, str] = {}
+        flights = self._order_check.predict(order.t_ns)
         insisted = {v for v in vehicles if v in self._agents and self._waiting.action(v) == order.action}
         for vehicle in vehicles:
             is_heard = vehicle in known and known[vehicle].liveness == "alive"
@@ -94,7 +95,7 @@ class Orders:
                     effects += self._end_waiting(order, vehicle)
                 continue
             else:
-                refusal = self._refusals.refusal(order, vehicle, begun, is_heard=is_heard)
+                refusal = self._refusals.refusal(order, vehicle, begun, flights, is_heard=is_heard)
             if refusal:
                 effects.append(ongoing.answer(order.t_ns, "refused", refusal, vehicle))
             else:
@@ -106,7 +107,7 @@ class Orders:
         if not ongoing.waiting:
             return effects
         number = self._operator.begin(ongoing)
-        waits = self._waiting.problems(order, [v for v in begun if v not in insisted])
+        waits = self._waiting.problems(order, [v for v in begun if v not in insisted], flights)
         clear = [v for v in begun if v not in waits]
         home = self._returns.plan(order, [v for v in clear if v not in insisted], waits)
         for route in home.values():
@@ -145,7 +146,8 @@ class Orders:
     def poll(self, t_ns: int) -> list[Effect]:
         """Run the timers."""
         effects: list[Effect] = []
+        flights = self._order_check.predict(t_ns)
         for vehicle in self._agents:
-            effects += self._waiting.poll(vehicle, t_ns)
+            effects += self._waiting.poll(vehicle, flights)
             effects += self._commands.poll(vehicle, t_ns)
         return effects

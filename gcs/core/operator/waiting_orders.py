@@ -17,6 +17,7 @@ from gcs.core.operator.records import WAIT_PERIOD_NS
 from gcs.core.operator.return_missions import MAX_UPLOAD_NS, ReturnMissions
 from gcs.core.replanning.stacked_missions import StackedMissions
 from gcs.core.separation.order_check import OrderCheck
+from gcs.core.separation.predicted_flights import PredictedFlights
 from gcs.core.state import State
 from gcs.core.tasking.mission_builder import is_hold
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
@@ -51,7 +52,7 @@ class WaitingOrders:
         self._returns = returns
         self._stacked = stacked_missions
 
-    def problems(self, order: Order, vehicles: Sequence[int]) -> dict[int, str]:
+    def problems(self, order: Order, vehicles: Sequence[int], flights: PredictedFlights) -> dict[int, str]:
         """Return the vehicles that an order to hold or return must not reach yet, with the reasons.
 
         Those that are clear when all obey are not among them; of the others, as many as possible.
@@ -61,11 +62,11 @@ class WaitingOrders:
         mode = MODES[order.action]
         before = ordered_modes(self._agents)
         together = before | dict.fromkeys(vehicles, mode)
-        unclear = [v for v in vehicles if self._order_check.problem(v, together, order.t_ns)]
+        unclear = [v for v in vehicles if self._order_check.problem(v, together, flights)]
         modes = before | {v: mode for v in vehicles if v not in unclear}
         problems: dict[int, str] = {}
         for vehicle in unclear:
-            problem = self._order_check.problem(vehicle, modes | {vehicle: mode}, order.t_ns)
+            problem = self._order_check.problem(vehicle, modes | {vehicle: mode}, flights)
             if problem:
                 problems[vehicle] = problem
             else:
@@ -88,20 +89,24 @@ class WaitingOrders:
         parameters: dict[str, Parameter] = {"action": order.action, "reason": problem}
         return [Notice(order.t_ns, NoticeCode.ORDER_WAITS, vehicle, parameters)]
 
-    def poll(self, vehicle: int, t_ns: int) -> list[Effect]:
-        """Carry out an order that waits once its vehicle is clear; end it if somebody else takes over."""
+    def poll(self, vehicle: int, flights: PredictedFlights) -> list[Effect]:
+        """Carry out an order that waits once its vehicle is clear; end it if somebody else takes over.
+
+        The flights are predicted anew after a change of one.
+        """
         waiting = self._agents[vehicle].orders.waiting
-        state = self._fleet.state(vehicle)
+        t_ns = flights.t_ns
         if waiting is None or t_ns < waiting.next_check_t_ns:
             return []
         waiting.next_check_t_ns = t_ns + WAIT_PERIOD_NS
         order = self._operator.orders[waiting.order].order
-        health = next(one for one in self._fleet.health() if one.system_id == vehicle)
+        state = self._fleet.state(vehicle)
+        health = self._fleet.health_of(vehicle)
         if state is None or health.liveness != "alive":  # whether it is clear is not known
             if waiting.uploads_since_t_ns is not None:
                 waiting.uploads_since_t_ns = t_ns  # an upload goes on when it is heard again
             return []
-        ended = self._refusals.refusal(order, vehicle, (), is_heard=True)
+        ended = self._refusals.refusal(order, vehicle, (), flights, is_heard=True)
         if is_on_ground(state, self._fleet.home(vehicle)):
             ended = "it has landed meanwhile"
         elif state.mode not in (waiting.mode, AUTO, LOITER) or self._is_taken(vehicle, order.t_ns):
@@ -121,11 +126,13 @@ class WaitingOrders:
             if self._tasking.has_pending(vehicle) and not is_late:
                 return []
         modes = ordered_modes(self._agents) | {vehicle: MODES[order.action]}
-        problem = self._order_check.problem(vehicle, modes, t_ns)
+        problem = self._order_check.problem(vehicle, modes, flights)
         if problem and waiting.uploads_since_t_ns is None:
             if order.action != "return" or not self._is_due(vehicle, t_ns):
                 return []
+            flights.renew()
             return self._returns.begin_again(waiting.order, order, vehicle, t_ns) or []
+        flights.renew()
         if problem and waiting.uploads_since_t_ns is not None:
             since_t_ns = waiting.uploads_since_t_ns
             begun = self._returns.begin_again(waiting.order, order, vehicle, since_t_ns)

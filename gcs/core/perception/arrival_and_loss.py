@@ -1,4 +1,4 @@
-"""Arrival and loss: the status of an agent (active, arrived, lost), from tracks and position reports.
+"""Arrival and loss: when an agent counts as arrived, as lost, and as active again.
 
 The fourth status, down, comes from the vehicle's own telemetry (`gcs.core.flight.phases`).
 

@@ -1,4 +1,4 @@
-"""Notices of bad input: the first errors of each source one by one, then a summary every `SUMMARY_NS`."""
+"""Notices of bad input: the first errors of each source one by one, then a summary every ten seconds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Position-integrity monitor: reported positions against detections, as a CUSUM test.
+"""Position integrity: alarm when reported positions differ from detections (spoofed GPS), a CUSUM test.
 
 Position reports may be spoofed, and the agents' tracker uses them as a sensor (decision 0004). So detections
 are checked directly: is there one at the reported position? With detection probability p_D, expected clutter
@@ -26,8 +26,8 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from gcs.config.schema import TelemetryTable
-from gcs.core.perception.fusion import at_time
 from gcs.core.perception.perception_state import IntegrityTest
+from gcs.core.perception.report_sensor import at_time
 from gcs.core.state import Agent
 from gcs.model import (
     NS_PER_S,

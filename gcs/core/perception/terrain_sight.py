@@ -1,4 +1,4 @@
-"""What sensors see over the terrain of a mission file.
+"""What sensors see over terrain; scans of sensors whose announced height is below the ground are refused.
 
 A sensor that announces its place and height (`Viewpoint`) does not see what terrain hides. Tracks have no
 height. A target stands on the ground, at `TARGET_HEIGHT_M`. An agent is anywhere in the flight band. So each

@@ -1,4 +1,4 @@
-"""Confirmation and loss of tracks, with hysteresis against clutter and missed detections.
+"""Confirmation of tracks after some scans, and their loss, with hysteresis against clutter and misses.
 
 A track is confirmed after `CONFIRMATION_EPOCHS` consecutive epochs in the estimate. It is dropped when its
 existence probability falls below `lost_existence`, or after as many epochs out of the estimate: then another

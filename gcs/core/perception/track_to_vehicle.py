@@ -22,8 +22,9 @@ from typing import TypeAlias
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from gcs.core.perception.fusion import at_time, squared_distances
+from gcs.core.perception.mahalanobis import squared_distances
 from gcs.core.perception.perception_state import Association, ConsecutiveEpochs
+from gcs.core.perception.report_sensor import at_time
 from gcs.core.perception.track_lifecycle import TrackConfirmation
 from gcs.core.state import Agent
 from gcs.model import NS_PER_S, FloatArray, Label, Track, VehicleState

@@ -1,4 +1,4 @@
-"""Motion model, filter parameters and birth components that a mission file declares."""
+"""Trackers' motion model, parameters, birth probabilities and birth components, from the mission file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Alarms about detections that persist without a track."""
+"""Alarms about detections that persist without a track: an object where no birth is expected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motion of vehicles, with turn rate, at the start of planned routes.
+"""Speed and turn rate of vehicles from their reports: the motion in which planned routes begin.
 
 A track's velocity lags in turns and has no turn rate. Position and course come from the newest report, the
 turn rate from courses a second apart. A report counts while it is fresh and near the track; else the track is
@@ -8,7 +8,7 @@ extrapolated along a straight line.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from gcs.core.replanning.plan_targets import place_of
 from gcs.core.state import Agent
@@ -23,6 +23,26 @@ _MAX_INTERVAL_NS = 3 * NS_PER_S
 _MIN_SPEED_M_S = 3.0
 """Below this ground speed the course is noise."""
 _MAX_TURN_RATE_RAD_S = 1.0
+
+
+class Motions(Mapping[int, Motion]):
+    """Motions of vehicles, each computed when it is asked for first; most plans are not made."""
+
+    def __init__(self, vehicles: Iterable[int], motion: Callable[[int], Motion]) -> None:
+        self._motion = motion
+        self._known: dict[int, Motion | None] = dict.fromkeys(vehicles)
+
+    def __getitem__(self, vehicle: int) -> Motion:
+        motion = self._known[vehicle]
+        if motion is None:
+            motion = self._known[vehicle] = self._motion(vehicle)
+        return motion
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._known)
+
+    def __len__(self) -> int:
+        return len(self._known)
 
 
 class VehicleKinematics:
@@ -55,9 +75,9 @@ class VehicleKinematics:
         t_ns: int,
         tracked_t_ns: int,
         ahead: Callable[[int], RemainingMission] = lambda _vehicle: RemainingMission(),
-    ) -> dict[int, Motion]:
+    ) -> Motions:
         """Return the motion of each vehicle at `t_ns`; tracks are as of `tracked_t_ns`."""
-        return {v: self._motion(v, track, t_ns, tracked_t_ns, ahead) for v, track in agents.items()}
+        return Motions(agents, lambda v: self._motion(v, agents[v], t_ns, tracked_t_ns, ahead))
 
     def _motion(
         self,

@@ -8,7 +8,6 @@ from gcs.core.operator.records import OrderInProgress
 from gcs.core.pipelines.changes import apply_statuses
 from gcs.core.pipelines.planning import plan_now
 from gcs.core.stages import Stages
-from gcs.core.state import without_missions
 from gcs.model import ControlEvent, Effect, Order
 
 
@@ -50,7 +49,7 @@ def refresh_proposal(stages: Stages, event: Order) -> list[Effect]:
     """Renew or withdraw the plan that waits, and plan if the control of a vehicle has changed."""
     if event.action == "status":
         return []
-    effects = stages.approval.refresh(event.t_ns, without_missions(stages.state.agents))
+    effects = stages.approval.refresh_ours(event.t_ns)
     return effects + (plan_now(stages, event.t_ns) if stages.approval.changed_control() else [])
 
 

@@ -8,7 +8,6 @@ from gcs.core.authority.override_notices import unattended_targets
 from gcs.core.pipelines import planning
 from gcs.core.pipelines.changes import follow_status
 from gcs.core.stages import Stages
-from gcs.core.state import without_missions
 from gcs.core.tasking.missed_targets import check_missed_targets
 from gcs.model import BadInput, Effect, Scan, VehicleState
 
@@ -120,18 +119,12 @@ def report_missed_targets(stages: Stages, epoch: Epoch) -> list[Effect]:
 
 def refresh_proposal(stages: Stages, epoch: Epoch) -> list[Effect]:
     """Renew or withdraw the plan that waits to be confirmed."""
-    return stages.approval.refresh(epoch.t_ns, without_missions(stages.state.agents))
+    return stages.approval.refresh_ours(epoch.t_ns)
 
 
 def plan(stages: Stages, epoch: Epoch) -> list[Effect]:
     """Plan if it is due, and send or propose the missions."""
     return planning.plan(stages, epoch.t_ns, epoch.measured_t_ns)
-
-
-def warn_of_zones(stages: Stages, epoch: Epoch) -> list[Effect]:
-    """Warn of vehicles that fly into no-fly zones."""
-    closed = stages.no_fly_zones.closed
-    return [*stages.incursions.check(epoch.t_ns, epoch.newest, closed)] if closed else []
 
 
 def report_unattended_targets(stages: Stages, epoch: Epoch) -> list[Effect]:

@@ -120,6 +120,18 @@ def watch_takeoffs(stages: Stages, event: Tick) -> list[Effect]:
     return stages.takeoff_sequence.check(event.t_ns) + stages.mission_traffic.check(event.t_ns)
 
 
+def watch_zones(stages: Stages, event: Tick) -> list[Effect]:
+    """Warn of vehicles that fly into no-fly zones, and let them hold before."""
+    t_ns = event.t_ns
+    imminent = stages.incursions.imminent(t_ns, stages.fleet.states(), stages.no_fly_zones.closed)
+    if imminent is None:
+        return []
+    effects: list[Effect] = [*stages.incursions.tell(t_ns, imminent)]
+    for entry in imminent:
+        effects += stages.avoidances.hold_before_zone(entry, t_ns)
+    return effects
+
+
 def watch_separation(stages: Stages, event: Tick) -> list[Effect]:
     """Look ahead over all pairs of vehicles in the air."""
     watched = stages.dispatch.settle(stages.separation.check(event.t_ns))

@@ -20,7 +20,7 @@ def check_climbs(stages: Stages, t_ns: int) -> list[Effect]:
     ours = [
         vehicle
         for vehicle in with_status(agents, "active")
-        if agents[vehicle].control.is_ours and not agents[vehicle].flight.phase.is_in_air
+        if not agents[vehicle].flight.phase.is_in_air and agents[vehicle].control.is_ours
     ]
     notices = stages.climbs.check(stages.planning_inputs.climbs(ours), t_ns)
     for agent in agents.values():

@@ -1,4 +1,4 @@
-"""Every finding of the preflight checks: code, name of the check, level, and the words.
+"""Words of the preflight checks: for each finding its code, the name of the check, level, and texts.
 
 This table is the only place with the words of the checks. Programs use the code, the vehicle and the
 parameters. Value, wanted and remedy are templates (`gcs.model.templates`).

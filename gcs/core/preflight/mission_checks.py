@@ -1,4 +1,4 @@
-"""Pre-flight checks of a mission: map, routes, fence and sensors."""
+"""Preflight checks of a mission: map, routes, fence, altitude layers and sensors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ from gcs.model import NS_PER_S, Parameter, Scan, vehicle_name
 from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.manoeuvres.takeoff_obstruction import Obstruction
 from gcs.planning.map.grid import Point
-from gcs.planning.planner import PlanResult, plan_mission
+from gcs.planning.plan_result import PlanResult
+from gcs.planning.planner import plan_mission
 from gcs.planning.planner_inputs import MissionInputs
 
 _MAX_CLOCK_ERROR_S = 1.0

@@ -1,4 +1,4 @@
-"""Results of preflight checks: findings, and the rows that show them."""
+"""Result of the preflight checks: findings, and the rows that show them."""
 
 from __future__ import annotations
 

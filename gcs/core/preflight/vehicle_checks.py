@@ -1,4 +1,4 @@
-"""Pre-flight checks of one vehicle, from its answers to `gcs.mavlink.services.preflight_query`."""
+"""Preflight checks of one vehicle: link, fix, home, mode, battery, clock, parameters, fence, return."""
 
 from __future__ import annotations
 

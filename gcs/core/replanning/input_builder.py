@@ -56,6 +56,7 @@ class PlanningInputBuilder:
         active = with_status(self.agents, "active")
         lost = frozenset(with_status(self.agents, "lost"))
         agents = {v: tracks[v] for v in active if v not in untaskable and v in tracks}
+        climbs = self.climbs(agents)
         return PlanningInputs(
             t_ns=t_ns,
             picture_t_ns=picture_t_ns,
@@ -65,9 +66,9 @@ class PlanningInputBuilder:
             ),
             late_s={vehicle: late_s(self.agents[vehicle].tasking) for vehicle in agents},
             left_s=self._left_s(agents, t_ns),
-            heights_msl_m=self._heights_msl_m(agents),
+            heights_msl_m=self._heights_msl_m(agents, climbs),
             climbing_first=frozenset(filter(self._climbs_first, agents)),
-            climbs=self.climbs(agents),
+            climbs=climbs,
             other_vehicles=self._other_vehicles(agents, lost),
             passed=frozenset(filter(self.tasking.onboard_missions.has_missed, agents)),
             targets=self.open_targets(),
@@ -100,9 +101,8 @@ class PlanningInputBuilder:
                 found[vehicle] = (home_m, endurance_s * state.ground_speed_m_s)
         return found
 
-    def _heights_msl_m(self, vehicles: Iterable[int]) -> dict[int, float]:
+    def _heights_msl_m(self, vehicles: Iterable[int], climbs: Mapping[int, Climb]) -> dict[int, float]:
         """Return the heights of vehicles, at the ends of the climbs of those that have one."""
-        climbs = self.climbs(vehicles)
         found = {}
         for vehicle in vehicles:
             state = self.fleet.state(vehicle)
@@ -157,9 +157,9 @@ class PlanningInputBuilder:
         for state in self.fleet.states():
             vehicle = state.system_id
             home = self.fleet.home(vehicle)
-            is_ours = self.agents[vehicle].control.authority is Authority.OURS
             if vehicle in planned or vehicle in lost or is_on_ground(state, home):
                 continue
+            is_ours = self.agents[vehicle].control.authority is Authority.OURS
             if is_ours and state.mode == AUTO:  # it circles in its layer at the end of its route
                 continue
             position_m = to_m = (state.east_m, state.north_m)

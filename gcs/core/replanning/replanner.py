@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -39,7 +39,8 @@ from gcs.planning.forward_simulation import Motion, predict_motion
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
 from gcs.planning.plan_notes import PlanNote
-from gcs.planning.planner import Choice, PlanResult, choose_new, plan_mission
+from gcs.planning.plan_result import Choice, PlanResult, choose_new
+from gcs.planning.planner import plan_mission
 from gcs.planning.planner_inputs import AgentState, MissionInputs
 from gcs.planning.route_joining import total_turn_rad
 
@@ -285,6 +286,7 @@ class Replanner:
         return self._plan(inputs, [Reason("first plan", "first plan")])
 
     def _plan(self, inputs: PlanningInputs, why: Sequence[Reason]) -> Plan:
+        state = self._state
         routes = flown_routes(self._agents).values()
         arriving = [route for route in routes if self._triggers.is_arriving(route, inputs)]
         keeping = {route.vehicle for route in arriving}
@@ -295,13 +297,23 @@ class Replanner:
         pursued = {v: route.target for v, route in self._triggers.newest.items() if v not in keeping}
         mission = self._mission_inputs(free, open_targets, pursued, replace(inputs, at_targets=there))
         self._triggers.note_planned(inputs.agents, inputs.targets)
-        choose = partial(self._choose, mission.agents, arriving, inputs)
+        occupied = self._triggers.in_occupied_layers(inputs)
+        settled = self._settled(mission, occupied, inputs)
+        starts = {
+            vehicle: replace(mission.agents[vehicle], settled=route.target)
+            for vehicle, route in settled.items()
+        }
+        mission = replace(mission, agents={**mission.agents, **starts})
+        choose = partial(self._choose, mission.agents, arriving, settled, occupied, inputs)
         result = self._note_made(plan_mission(mission, choose), inputs.t_ns)
         pairs = [conflict.vehicles for conflict in result.conflicts]  # distances would be news at every check
         near = [PlanNote(NoticeCode.NO_LAYER_LEFT, None, {"vehicles": pair}) for pair in pairs]
-        notes = (*result.notes, *near)
-        self._state.new_notes = tuple(note for note in notes if note not in self._state.noted)
-        self._state.noted = notes
+        kept = [
+            note for note in state.noted if note.vehicle in result.settled and "target" in note.parameters
+        ]
+        notes = (*result.notes, *kept, *near)
+        state.new_notes = tuple(note for note in notes if note not in state.noted)
+        state.noted = notes
         self._decide(result.routes, inputs)
         return Plan(
             t_ns=inputs.t_ns,
@@ -318,12 +330,14 @@ class Replanner:
         self,
         starts: Mapping[int, AgentState],
         arriving: Sequence[Route],
+        settled: Mapping[int, Route],
+        occupied: Container[int],
         inputs: PlanningInputs,
         result: PlanResult,
     ) -> Choice:
         """Choose between new routes and those that vehicles have."""
-        occupied = self._triggers.in_occupied_layers(inputs)
-        kept = [*arriving, *self._without_end(result, inputs)]
+        kept = [*arriving, *(settled[vehicle] for vehicle in sorted(result.settled))]
+        kept += self._without_end(result, inputs)
         new: list[Route] = []
         for route, changed in zip(result.routes, choose_new(result).new, strict=True):
             current = self._agents[route.vehicle].routes
@@ -339,6 +353,36 @@ class Replanner:
             kept += good[:1]
             new += [] if good else [changed]
         return Choice(new, kept, self.layers.flights(kept, new, inputs))
+
+    def _settled(
+        self, mission: MissionInputs, occupied: Container[int], inputs: PlanningInputs
+    ) -> dict[int, Route]:
+        """Return the routes that vehicles keep if they keep their targets, whatever new ones would be.
+
+        They are those that `_is_still_good` accepts for any other route.
+        """
+        triggers = self._triggers
+        found: dict[int, Route] = {}
+        for vehicle in mission.agents:
+            routes = self._agents[vehicle].routes
+            is_flyable = not routes.is_blocked and vehicle not in occupied
+            route = routes.flown if routes.proposed is None and is_flyable else routes.proposed
+            if (
+                route is not None
+                and route.target in mission.targets
+                and self._is_near_enough(vehicle, route, inputs)
+                and not triggers.has_passed_target(vehicle, inputs)
+                and not triggers.is_endangered(vehicle, inputs)
+            ):
+                found[vehicle] = route
+        return found
+
+    def _is_near_enough(self, vehicle: int, route: Route, inputs: PlanningInputs) -> bool:
+        """Return True if a route ends near enough to its target, or is too new to be changed."""
+        triggers = self._triggers
+        return not triggers.is_settled(vehicle, inputs) or triggers.is_within_tolerance(
+            vehicle, route, inputs
+        )
 
     def _without_end(self, result: PlanResult, inputs: PlanningInputs) -> list[Route]:
         """Return the flown routes to targets where no new route has a clear end: they are kept."""
@@ -473,9 +517,7 @@ class Replanner:
             return False
         if math.dist(new.target_point_m, flown.target_point_m) < _SAME_PLACE_M:
             return True
-        return not triggers.is_settled(vehicle, inputs) or triggers.is_within_tolerance(
-            vehicle, flown, inputs
-        )
+        return self._is_near_enough(vehicle, flown, inputs)
 
     def _turns_back(self, new: Route, start: AgentState, inputs: PlanningInputs) -> bool:
         """Return True if a vehicle near its target, or near the end of its route, would make a full turn."""

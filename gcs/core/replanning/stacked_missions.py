@@ -26,6 +26,7 @@ from gcs.core.replanning.replanner import leads_through
 from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.separation.minima import min_distance_m
 from gcs.core.separation.order_check import OrderCheck
+from gcs.core.separation.predicted_flights import PredictedFlights
 from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import flown_points, is_hold
 from gcs.core.tasking.upload_latency import DELIVERY_S, late_s
@@ -33,11 +34,12 @@ from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import APPROACH_M, Effect, Label, Route, VehicleState
-from gcs.model.names import hold_label, home_label
+from gcs.model.vehicle_ids import hold_label, home_label
 from gcs.planning.forward_simulation import predict_motion
 from gcs.planning.map.grid import Point
-from gcs.planning.planner import PlanResult, choose_new, plan_routes
+from gcs.planning.plan_result import PlanResult, choose_new
 from gcs.planning.planner_inputs import AgentState
+from gcs.planning.team_routes import plan_routes
 
 _SIDES_DEG: Final = (0.0, 60.0, -60.0, 120.0, -120.0, 180.0)
 """Sides of home on which a route may end, from that of the vehicle."""
@@ -89,6 +91,7 @@ class StackedMissions:
             Modes that are ordered now, by vehicle.
         """
         states = {state.system_id: state for state in self._intents.in_air(t_ns)}
+        flights = self._order_check.predict(t_ns)
         planned: dict[int, Route] = {}
         for vehicle in vehicles:
             state = states.get(vehicle)
@@ -96,7 +99,7 @@ class StackedMissions:
             if state is None or home is None:
                 continue
             ends_m = self._ends(state, self._frame.to_local(home.lat_deg, home.lon_deg))
-            route = self._route(state, ends_m, home_label(vehicle), planned, modes, t_ns)
+            route = self._route(state, ends_m, home_label(vehicle), planned, modes, flights)
             if route is not None:
                 planned[vehicle] = route
         return planned
@@ -107,7 +110,9 @@ class StackedMissions:
         place_m = self._agents[vehicle].separation.hold_m
         if state is None or place_m is None:
             return None
-        return self._route(state, [place_m], hold_label(vehicle), self._not_flown_yet(vehicle), {}, t_ns)
+        planned = self._not_flown_yet(vehicle)
+        flights = self._order_check.predict(t_ns)
+        return self._route(state, [place_m], hold_label(vehicle), planned, {}, flights)
 
     def _not_flown_yet(self, vehicle: int) -> dict[int, Route]:
         """Return the routes of others that are sent home, or to a layer, and still fly something else."""
@@ -170,7 +175,7 @@ class StackedMissions:
         label: Label,
         planned: Mapping[int, Route],
         modes: Mapping[int, str],
-        t_ns: int,
+        flights: PredictedFlights,
     ) -> Route | None:
         """Return a route to one of some places in a layer that is clear; None without one.
 
@@ -188,12 +193,12 @@ class StackedMissions:
                 layer
                 for layer in self._nearest_layers(vehicle)
                 if self._mission.terrain is not None  # the height of the circle is not known yet
-                or not problem(replace(circle, layer=layer), planned, modes, t_ns, circles_only=True)
+                or not problem(replace(circle, layer=layer), planned, modes, flights, circles_only=True)
             ]
             if not layers:
                 continue
-            routes = self._in_layers(state, end_m, label, layers, t_ns)
-            found = next((one for one in routes if not problem(one, planned, modes, t_ns)), None)
+            routes = self._in_layers(state, end_m, label, layers, flights.t_ns)
+            found = next((one for one in routes if not problem(one, planned, modes, flights)), None)
             if found is not None:
                 return found
             tries += 1

@@ -145,9 +145,9 @@ class Triggers:
             route.target: moved_m
             for vehicle, route, agent in self._followed(inputs)
             if self.is_settled(vehicle, inputs)
-            and not self.is_arriving(route, inputs)
             and (moved_m := self._off_m(vehicle, route, inputs))
             > factor * self._plan_targets.tolerance_m(agent, route)
+            and not self.is_arriving(route, inputs)
         }
 
     def _followed(self, inputs: PlanningInputs) -> Iterator[tuple[int, Route, Track]]:

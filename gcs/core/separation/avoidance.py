@@ -10,6 +10,9 @@ separation the hold may be above the band, or a little below it.
 Two that wait near each other in LOITER, and whose circles overlap, are kept apart by height: one gets a
 mission with a circle in a free altitude layer (`gcs.core.replanning.stacked_missions`).
 
+A vehicle whose mission leads into a no-fly zone holds before it, if the circle is clear of zones, obstacles,
+ground and others. It gets a new mission as soon as there is one, and else flies on when the zone is open.
+
 A vehicle that holds for another one keeps its target and its mission. It flies on as soon as that leads
 near no other vehicle, and gets a new mission if that takes too long, or if its landing time is taken by then.
 """
@@ -21,6 +24,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from gcs.config import Config
+from gcs.core.airspace.incursion_warning import Incursion
 from gcs.core.replanning.stacked_missions import StackedMissions
 from gcs.core.separation.aircraft import AirTraffic
 from gcs.core.separation.landing_order import LandingOrder
@@ -44,6 +48,8 @@ _LEVEL_M: Final = 3.0
 """Difference in height below which neither of two vehicles is the higher one."""
 _LATEST_S: Final = 6.0
 """Time before a loss of separation from which a hold may leave the flight band."""
+_LATEST_BEFORE_ZONE_S: Final = 8.0
+"""Time before a no-fly zone at which a vehicle holds although a new mission is queued."""
 _MIN_HOLD_NS: Final = ns(4.0)
 _MAX_HOLD_NS: Final = ns(60.0)
 _PERIOD_NS: Final = ns(1.0)
@@ -134,6 +140,24 @@ class Avoidances:
         notice = Notice(t_ns, NoticeCode.AVOIDS, vehicle, parameters)
         return [notice, *self._command(vehicle, avoidance, LOITER, t_ns)]
 
+    def hold_before_zone(self, incursion: Incursion, t_ns: int) -> list[Effect]:
+        """Let a vehicle hold that would soon fly into a no-fly zone; nothing if its circle is not clear.
+
+        While a new mission is on its way it holds later.
+        """
+        vehicle = incursion.vehicle
+        separation = self._agents[vehicle].separation
+        tasking = self._tasking.state
+        is_late = incursion.after_s <= _LATEST_BEFORE_ZONE_S and not tasking.is_uploading(vehicle)
+        is_due = incursion.after_s > 0.0 and (is_late or vehicle not in tasking.stages)
+        may_hold = self._is_enabled and separation.avoidance is None and self._is_interruptible(vehicle)
+        if not (is_due and may_hold and self._order_check.may_hold_before_zone(vehicle, t_ns)):
+            return []
+        other = f"no-fly zone {incursion.zone}"
+        avoidance = separation.avoidance = Avoidance(other, t_ns, is_before_zone=True)
+        notice = Notice(t_ns, NoticeCode.HOLDS_BEFORE_ZONE, vehicle, {"other": other})
+        return [notice, *self._command(vehicle, avoidance, LOITER, t_ns)]
+
     def is_last_chance(self, encounter: Encounter, t_ns: int) -> bool:
         """Return True if none of an encounter could hold a little later, near vehicles or ground."""
         ours = [vehicle for vehicle in encounter.vehicles if vehicle in self._agents]
@@ -156,7 +180,12 @@ class Avoidances:
             if avoidance is None:
                 continue
             state = self._fleet.state(vehicle)
-            if state is None or not self._is_ours(vehicle) or state.mode not in (AUTO, LOITER):
+            is_held = avoidance.is_before_zone or _wanted(agent) is not None
+            if (
+                state is None
+                or not (is_held and self._is_controlled(vehicle))
+                or state.mode not in (AUTO, LOITER)
+            ):
                 effects += self._end(vehicle, agent.control.reason or "it has no route any more", t_ns)
             elif self._tasking.state.is_uploading(vehicle):
                 effects += self._end(vehicle, "it gets a new mission", t_ns)
@@ -173,14 +202,20 @@ class Avoidances:
     def _may_hold(self, vehicle: int) -> bool:
         """Return True if this service may interrupt the mission that a vehicle flies."""
         agent = self._agents[vehicle]
-        state = self._fleet.state(vehicle)
         onboard = agent.tasking.onboard
+        wanted = _wanted(agent)
+        is_flown = onboard is not None and wanted is not None and onboard.route.is_same(wanted)
+        is_settled = vehicle not in self._tasking.state.stages
+        return is_flown and is_settled and self._is_interruptible(vehicle)
+
+    def _is_interruptible(self, vehicle: int) -> bool:
+        """Return True if a vehicle flies a mission of this service, and not in a take-off or a landing."""
+        agent = self._agents[vehicle]
+        state = self._fleet.state(vehicle)
         is_obeyed = state is not None and state.mode == AUTO and agent.link.liveness == "alive"
-        is_flown = onboard is not None and onboard.route.is_same(_wanted(agent)) and agent.tasking.is_selected
         is_free = agent.orders.command is None and agent.orders.waiting is None
-        is_settled = is_free and vehicle not in self._tasking.state.stages
         is_in_cruise = agent.flight.phase in _PHASES and self._tasking.onboard_missions.points_ahead(vehicle)
-        return is_obeyed and is_flown and is_settled and bool(is_in_cruise) and self._is_ours(vehicle)
+        return is_obeyed and is_free and bool(is_in_cruise) and self._is_controlled(vehicle)
 
     def _may_stack(self, vehicle: int, t_ns: int) -> bool:
         """Return True if a vehicle waits in LOITER, by order or for a mission, and may be moved."""
@@ -195,11 +230,10 @@ class Avoidances:
         is_due = is_free and t_ns >= agent.tasking.retry.paused_until_t_ns
         return is_waiting and is_due and is_settled and agent.flight.phase in _HOLDING
 
-    def _is_ours(self, vehicle: int) -> bool:
-        """Return True if a vehicle is on a mission of this service, to a target or home."""
+    def _is_controlled(self, vehicle: int) -> bool:
+        """Return True if this service alone decides what a vehicle flies."""
         agent = self._agents[vehicle]
-        is_ours = agent.control.authority in _CONTROLS and not _is_taken(agent)
-        return is_ours and _wanted(agent) is not None
+        return agent.control.authority in _CONTROLS and not _is_taken(agent)
 
     def _left_m(self, vehicle: int) -> float:
         """Return the distance that a vehicle has left to fly on its route."""
@@ -212,10 +246,13 @@ class Avoidances:
         return remaining_length_m(route.points_m, (state.east_m, state.north_m), passed)
 
     def _check(self, vehicle: int, avoidance: Avoidance, t_ns: int) -> list[Effect]:
-        """Let a vehicle in LOITER fly on, if that leads near no other vehicle."""
+        """Let a vehicle in LOITER fly on, if that leads near no other vehicle, and into no zone."""
         held_ns = t_ns - avoidance.since_t_ns
         is_clear = not self._order_check.release_problem(vehicle, t_ns)
-        may_end = held_ns >= _MIN_HOLD_NS and is_clear and not self._needs_new_route(vehicle)
+        if avoidance.is_before_zone and not is_clear:
+            return []
+        has_route = _wanted(self._agents[vehicle]) is not None and not self._needs_new_route(vehicle)
+        may_end = held_ns >= _MIN_HOLD_NS and is_clear and has_route
         if may_end and self._landing_order.claim(vehicle, t_ns):
             avoidance.is_ending = True
             return self._command(vehicle, avoidance, AUTO, t_ns)

@@ -41,6 +41,8 @@ _CLIMB_SPREAD: Final = 0.4
 """Relative uncertainty of the vertical speed after a take-off."""
 _BEHIND_RAD: Final = 1.8
 """A near waypoint at this angle from the course has been passed, if it was ahead before."""
+_AT_CENTRE_M: Final = 1.0
+"""Distance from a centre within which a vehicle counts as flying straight away from it (AP_L1_Control)."""
 _ON_CIRCLE: Final = 1.3
 """Distance from the centre of a circle, in radii, within which a vehicle flies on it."""
 _LEVEL_S: Final = 2.0
@@ -231,7 +233,7 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
         ahead_north = to_north - north
         away = np.hypot(ahead_east, ahead_north)
         closest = np.minimum(closest, away)
-        bearing = np.arctan2(ahead_east, ahead_north)
+        bearing = np.where(away > _AT_CENTRE_M, np.arctan2(ahead_east, ahead_north), course + np.pi)
         # Round a circle: the tangent, half a step ahead.
         inwards = np.arctan((away - circle) / (speed * CONVERGENCE_S))
         lead = 0.5 * speed * dt / np.maximum(away, 0.5 * circle)

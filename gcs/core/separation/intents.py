@@ -70,6 +70,10 @@ FIRST_CLIMB_M: Final = 10.0
 """Default NAV_FW_ALT_RAD of PX4."""
 _FIRST_CLIMB_M_S: Final = 3.0
 """Default FW_T_CLMB_R_SP of PX4."""
+_HOLD_DELAY_S: Final = 0.75
+"""Time from an order to hold to the turn onto the circle, if the turn begins at once with its full rate."""
+_HOLD_BANK_DEG: Final = 38.0
+"""Bank of that turn; with the delay it fits holds of ArduPlane and PX4 (`docs/measurements.md`)."""
 _PLACES: Final = 16_384
 """Homes and mission items whose places are kept: those of a thousand vehicles."""
 _KINDS: Final = {
@@ -160,18 +164,24 @@ class Intents:
             wind_m_s = (0.0, 0.0)
         through_air_m_s = airspeed_m_s(speed_m_s, state.course_rad, wind_m_s)
         rate = self._agents[state.system_id].separation.rate_rad_s
+        max_rate = max(self.turn_rate_rad_s(state.system_id, through_air_m_s), abs(rate))
+        delay_s = 0.0
+        if mode == LOITER and state.mode != LOITER:
+            delay_s = _HOLD_DELAY_S
+            max_rate = max(max_rate, _turn_rate_rad_s(_HOLD_BANK_DEG, through_air_m_s))
+        straight_m = delay_s * speed_m_s
         return Flight(
             vehicle=state.system_id,
-            east_m=state.east_m,
-            north_m=state.north_m,
+            east_m=state.east_m + straight_m * math.sin(state.course_rad),
+            north_m=state.north_m + straight_m * math.cos(state.course_rad),
             height_m=state.alt_msl_m,
             speed_m_s=speed_m_s,
             course_rad=state.course_rad,
             climb_m_s=state.climb_m_s,
             turn_rate_rad_s=rate,
-            max_turn_rate_rad_s=max(self.turn_rate_rad_s(state.system_id, through_air_m_s), abs(rate)),
+            max_turn_rate_rad_s=max_rate,
             goals=self._goals(state, mode or state.mode),
-            age_s=max(t_ns - state.t_ns, 0) / NS_PER_S,
+            age_s=max(t_ns - state.t_ns, 0) / NS_PER_S - delay_s,
             climb_gradient=self.climb_gradient(state.system_id),
             wind_m_s=wind_m_s,
         )
@@ -216,7 +226,7 @@ class Intents:
 
     def turn_rate_rad_s(self, vehicle: int, speed_m_s: float) -> float:
         """Return the planned turn rate of a vehicle at a speed."""
-        return _G_M_S2 * math.tan(math.radians(self._airframes[vehicle].bank_deg)) / speed_m_s
+        return _turn_rate_rad_s(self._airframes[vehicle].bank_deg, speed_m_s)
 
     def _home(self, vehicle: int) -> tuple[float, float, float]:
         """Return east, north and height above sea level of a vehicle's home."""
@@ -386,3 +396,7 @@ class Intents:
 
 def _is_fresh(state: VehicleState, t_ns: int) -> bool:
     return t_ns - state.t_ns <= _MAX_AGE_S * NS_PER_S
+
+
+def _turn_rate_rad_s(bank_deg: float, airspeed_m_s: float) -> float:
+    return _G_M_S2 * math.tan(math.radians(bank_deg)) / airspeed_m_s

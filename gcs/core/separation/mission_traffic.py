@@ -68,7 +68,7 @@ class MissionTraffic:
     def holds_back(self, route: Route, t_ns: int) -> str:
         """Return why the upload of a route must wait; empty if it need not."""
         seen = self._agents[route.vehicle].separation
-        if seen.avoidance is not None:
+        if seen.avoidance is not None and not seen.avoidance.is_before_zone:
             return f"holds for {seen.avoidance.other}"
         if not seen.traffic or t_ns - seen.traffic_t_ns >= _PERIOD_NS:
             if not self._may_check(t_ns):

@@ -17,12 +17,15 @@ from typing import Final
 import numpy as np
 
 from gcs.config import Config
+from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.separation.aircraft import AirTraffic
 from gcs.core.separation.forward_flight import Flight, FlightPaths, Goal, GoalKind, simulate_flights
 from gcs.core.separation.ground_ahead import GroundAhead
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import encounters
 from gcs.core.separation.minima import PREDICTED_SHARE, layer_step_m, min_distance_m
+from gcs.core.separation.predicted_flights import PredictedFlights
+from gcs.core.separation.zones_ahead import ZonesAhead
 from gcs.core.tasking.mission_builder import route_heights_msl_m
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.model import FloatArray, Route, VehicleState, vehicle_name
@@ -49,6 +52,8 @@ _SOON_S: Final = 4.0
 """Time for which a hold may be put off: in it the circle comes nearer, and is flown wider when it begins."""
 _LATER_S: Final = 15.0
 """Time in which a climb leads a vehicle a layer away."""
+_ZONE_AHEAD_S: Final = 40.0
+"""Time without an incursion for which one that held may fly on: more than that at which it holds."""
 _RELEASE_MARGIN: Final = 1.5
 """Multiple of the minimum distance at which a vehicle that held may fly on: in wind predictions are off."""
 
@@ -67,7 +72,7 @@ class _Conflict:
 class OrderCheck:
     """Predicts what orders to vehicles in the air lead to."""
 
-    def __init__(self, config: Config, intents: Intents, air_traffic: AirTraffic) -> None:
+    def __init__(self, config: Config, intents: Intents, air_traffic: AirTraffic, zones: NoFlyZones) -> None:
         self.intents = intents
         """What all vehicles fly."""
         self._air_traffic = air_traffic
@@ -76,8 +81,13 @@ class OrderCheck:
         self._min_m = min_distance_m(config)
         self._min_height_m = PREDICTED_SHARE * layer_step_m(config)
         self._ground = GroundAhead(config)
+        self._zones = ZonesAhead(zones, config.planning.clearance_m)
 
-    def problem(self, vehicle: int, modes: Mapping[int, str], t_ns: int) -> str:
+    def predict(self, t_ns: int) -> PredictedFlights:
+        """Return what all vehicles in the air fly, for the checks of one time."""
+        return PredictedFlights(self.intents, t_ns)
+
+    def problem(self, vehicle: int, modes: Mapping[int, str], flights: PredictedFlights) -> str:
         """Return which vehicle, or ground, an order would bring a vehicle near to; else empty.
 
         Empty also if it is no nearer to a vehicle than now.
@@ -88,21 +98,20 @@ class OrderCheck:
             Vehicle of the order.
         modes : mapping of int to str
             Modes that are ordered now, by vehicle; that of the vehicle is among them.
+        flights : PredictedFlights
+            What all vehicles fly now.
         """
-        states = {state.system_id: state for state in self.intents.flying(t_ns)}
-        if vehicle not in states:
+        if vehicle not in flights.states:
             return ""
-        others = [
-            self.intents.flight(state, t_ns, modes.get(v)) for v, state in states.items() if v != vehicle
-        ]
-        ordered = self.intents.flight(states[vehicle], t_ns, modes[vehicle])
-        present = self.intents.flight(states[vehicle], t_ns)
-        is_return = modes[vehicle] == RTL, states[vehicle].mode == RTL
+        ordered = flights.of(vehicle, modes[vehicle])
+        is_return = modes[vehicle] == RTL, flights.states[vehicle].mode == RTL
         near_ground = "" if modes[vehicle] == AUTO else self._ground_problem(ordered)
-        return near_ground or self._worse(ordered, present, others, is_return)
+        return near_ground or self._worse(
+            ordered, flights.of(vehicle), flights.others(vehicle, modes), is_return
+        )
 
     def release_problem(self, vehicle: int, t_ns: int) -> str:
-        """Return what one that holds for another would come near to if it flew on: a vehicle, or the ground.
+        """Return what one that holds would come near to if it flew on: a vehicle, the ground, or a zone.
 
         Empty also if that is better than to hold on.
         """
@@ -117,6 +126,8 @@ class OrderCheck:
         below_m = self._below_band_m(led)
         if below_m > max(_OFF_BAND_M, self._below_band_m(present)):
             return f"would fly {below_m:.0f} m below the flight band"
+        if zone := self._zones.first(led, _ZONE_AHEAD_S):
+            return f"would fly into no-fly zone {zone}"
         held = self._nearness(present, others)
         if not conflicts or _nearest(conflicts) - held > _WORSE:
             return ""
@@ -127,6 +138,15 @@ class OrderCheck:
         if any(goal.kind is GoalKind.LAND for goal in flight.goals):
             return -math.inf
         return self._ground.below_band_m(flight, _AHEAD_S)
+
+    def may_hold_before_zone(self, vehicle: int, t_ns: int) -> bool:
+        """Return True if a vehicle that holds now is clear of zones, obstacles and ground, and of others."""
+        state = next((one for one in self.intents.flying(t_ns) if one.system_id == vehicle), None)
+        if state is None:
+            return False
+        hold = self.intents.flight(state, t_ns, LOITER)
+        is_clear = self._zones.is_clear(hold, _round_s(hold)) and self.circles_in_band(vehicle, t_ns)
+        return is_clear and self.hold_gain(vehicle, t_ns) > -_WORSE
 
     def circles_in_band(self, vehicle: int, t_ns: int, *, is_late: bool = False) -> bool:
         """Return True if a vehicle that holds now stays inside the flight band.
@@ -264,7 +284,7 @@ class OrderCheck:
         route: Route,
         planned: Mapping[int, Route],
         modes: Mapping[int, str],
-        t_ns: int,
+        flights: PredictedFlights,
         *,
         circles_only: bool = False,
     ) -> str:
@@ -278,23 +298,20 @@ class OrderCheck:
             The same of others that get such missions at this time.
         modes : mapping of int to str
             Modes that are ordered now, by vehicle.
+        flights : PredictedFlights
+            What all vehicles fly now.
         circles_only : bool
             True if the circle at its end alone is checked.
 
         Its way there is no problem with a vehicle that it is as near to now: it leads away.
         """
-        states = {state.system_id: state for state in self.intents.flying(t_ns)}
-        state = states.pop(route.vehicle)
-        own = self._stacked(state, route, t_ns)
-        others = [
-            self._stacked(other, planned[vehicle], t_ns)
-            if vehicle in planned
-            else self.intents.flight(other, t_ns, modes.get(vehicle))
-            for vehicle, other in states.items()
-        ]
+        states = flights.states
+        own = self._stacked(states[route.vehicle], route, flights.t_ns)
+        led = {v: self._stacked(states[v], one, flights.t_ns) for v, one in planned.items() if v in states}
+        others = flights.others(route.vehicle, modes, led)
         conflicts = [*self._overlapping(own, others, last=True)]
         if not conflicts and not circles_only:
-            present = self.intents.flight(state, t_ns)
+            present = flights.of(route.vehicle)
             now = {one.other: one.nearness for one in self._met(present, others, is_return=True)}
             conflicts = [
                 one

@@ -9,11 +9,12 @@ from gcs.mavlink.services.command_sender import CommandSender
 
 @dataclass(slots=True)
 class Avoidance:
-    """Hold of a vehicle that would come near another one."""
+    """Hold of a vehicle that would come near another one, or fly into a no-fly zone."""
 
     other: str
-    """That vehicle or aircraft, in words."""
+    """That vehicle, aircraft or zone, in words."""
     since_t_ns: int
+    is_before_zone: bool = False
     next_check_t_ns: int = 0
     sender: CommandSender | None = None
     """Command to hold, or to fly on."""

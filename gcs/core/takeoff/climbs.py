@@ -1,4 +1,4 @@
-"""Climbs after take-off: where they lead, and whether they are clear of obstacles.
+"""Climbs after take-off: where they lead, and whether obstacles block them.
 
 Routes of vehicles on the ground, or in their take-off, are planned from the end of the climb. A mission from
 the ground is uploaded only if its climb and its first turn are clear. A climbing vehicle gets no other

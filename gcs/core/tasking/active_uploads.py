@@ -1,4 +1,4 @@
-"""Uploads in progress, one per vehicle.
+"""Uploads in progress, one for each vehicle: begun, restarted, abandoned; what follows from the result.
 
 Each is an `Upload`: send, read back, compare, start. Its result updates the onboard mission of the vehicle
 (`gcs.core.tasking.onboard_missions`), or marks that mission as possibly inconsistent. A vehicle with

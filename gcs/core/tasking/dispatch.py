@@ -1,4 +1,4 @@
-"""Dispatch of planned routes as missions, and handling of upload results."""
+"""Dispatch: planned routes become missions to upload; what follows when an upload has ended."""
 
 from __future__ import annotations
 

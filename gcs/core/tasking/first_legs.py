@@ -1,4 +1,4 @@
-"""First legs of new missions: detection and correction of a wrong line.
+"""First legs of new missions: a vehicle that flies another line than its new leg gets the item again.
 
 ArduPlane tracks the line from its previous waypoint to the current item. If a selection keeps the previous
 waypoint of the old mission, the vehicle flies an unplanned line and passes its waypoint hundreds of metres

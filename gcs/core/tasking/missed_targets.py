@@ -1,4 +1,4 @@
-"""Vehicles that pass the ends of their routes without having reached their targets.
+"""Missed targets: vehicles that pass the ends of their routes without having reached their targets.
 
 Behind the last point of its route a vehicle circles, returns or lands. An ArduPlane without a further item
 goes to RTL. If the vehicle passed too far from its target, or the target was elsewhere, the operator is

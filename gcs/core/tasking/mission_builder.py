@@ -9,7 +9,7 @@ from gcs.config.airframe import AgentAirframe
 from gcs.config.schema import MissionTable
 from gcs.core.state import Agent
 from gcs.model import NS_PER_S, FloatArray, HeightReference, Mission, Route, VehicleState, Waypoint
-from gcs.model.names import hold_label
+from gcs.model.vehicle_ids import hold_label
 from gcs.planning.forward_simulation import LoiterCircle, RemainingMission
 from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.manoeuvres.landing import ReturnRoute

@@ -1,4 +1,4 @@
-"""Missions that a vehicle's navigator rejects: their cause, and the next attempt.
+"""Missions that a vehicle's navigator rejects: the cause in its own texts, and the next attempt.
 
 A PX4 stores a mission, acknowledges it, and may reject it all the same (MISSION_CURRENT.mission_state
 NO_MISSION). A STATUSTEXT names the cause, mostly before that state is seen. While a mission stands rejected

@@ -114,7 +114,7 @@ class AgentTasking:
     before_boot: OnboardMission | None = None
     """Mission that the vehicle stored before it rebooted outside an upload, until its audit begins."""
     refusal: str = ""
-    """Why the newest mission was refused, without figures: positions are noisy."""
+    """Kind of the problem for which the newest mission was refused."""
     retry: UploadRetry = field(default_factory=UploadRetry)
     clearing: ClearingRetry = field(default_factory=ClearingRetry)
     rejections: RejectionRetry = field(default_factory=RejectionRetry)

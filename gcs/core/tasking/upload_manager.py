@@ -1,4 +1,4 @@
-"""Mission uploads: routes become missions, missions wait for their link, are uploaded and verified.
+"""Queue of mission uploads: which vehicle gets its mission when, and what a mission waits for.
 
 A newer route for a vehicle supersedes its upload in progress. Other routes wait, the newest of each vehicle,
 first come, first served,
@@ -41,6 +41,7 @@ from gcs.mavlink.autopilots.modes import AUTO
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.frames.codec import Message
+from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.upload_state import UploadState
 from gcs.model import (
@@ -301,9 +302,8 @@ class UploadManager:
             self._fleet.forward_next_heartbeat(vehicle)
             return []
         empty = self._missions.empty(vehicle)
-        return self._active.clear(
-            UploadState.of_mission(empty, self._default_home, profile, inconsistent=True), t_ns
-        )
+        items = build_items(profile, empty, self._default_home)
+        return self._active.clear(UploadState.of_mission(empty, items, profile, inconsistent=True), t_ns)
 
     def _may_clear(self, vehicle: int, t_ns: int) -> bool:
         """Return True if an inconsistent mission may be cleared: no other station commands the vehicle.
@@ -418,7 +418,9 @@ class UploadManager:
         if climb is not None and self._climbs is not None:
             obstruction = self._climbs.obstruction(vehicle, climb, route.points_m)
             if obstruction is not None:
-                return self._refused(vehicle, f"the take-off is not clear: {obstruction}", t_ns)
+                return self._refused(
+                    vehicle, obstruction.code.value, f"the take-off is not clear: {obstruction}", t_ns
+                )
         home = fleet.home(vehicle) or self._default_home
         if return_route is not None and self._has_moved(home, return_route):
             return self._not_begun(
@@ -427,30 +429,30 @@ class UploadManager:
         self.state.mission_count += 1
         mission = self._missions.of(route, self.state.mission_count, state, return_route, climb)
         from_ground = is_on_ground(state, fleet.home(vehicle))
+        items = build_items(profile, mission, home, from_ground=from_ground)
         tasking = self._agents[vehicle].tasking
         link = fleet.link(vehicle)
         upload = UploadState.of_mission(
             mission,
-            home,
+            items,
             profile,
             old=None if tasking.onboard is None else tasking.onboard.items,
             inconsistent=tasking.is_inconsistent,
             current=state.mission_seq if state is not None and state.mission_seq >= 0 else None,
-            from_ground=from_ground,
             round_trip_s=self._active.round_trip_s(link) or self._agents[vehicle].link.requests.round_trip_s,
         )
-        items = upload.transfer.sending.items
         if self._bounds is not None:
             problem = self._bounds.problem(items[profile.home_items :], state)
-            if not problem and state is not None:
+            if problem is None and state is not None:
                 passed = 0 if from_ground else points_passed(route, planned_t_ns, state)
                 flown = items[profile.home_items + passed :]
                 upload_s = DELIVERY_S + late_s(tasking)
                 motion = self.motion(state, t_ns)
                 heights_msl_m = state.alt_msl_m, home.alt_msl_m
                 problem = self._bounds.flight_problem(flown, vehicle, motion, upload_s, *heights_msl_m)
-            if problem:
-                return self._refused(vehicle, f"{problem}; the vehicle keeps its onboard mission", t_ns)
+            if problem is not None:
+                reason = f"{problem.text}; the vehicle keeps its onboard mission"
+                return self._refused(vehicle, problem.kind, reason, t_ns)
         tasking.refusal = ""
         first_point = profile.home_items + int(from_ground)
         takeoff_m = (state.east_m, state.north_m) if from_ground and state is not None else None
@@ -479,10 +481,9 @@ class UploadManager:
         pause = self._agents[vehicle].tasking.retry.note_failure(vehicle, t_ns)
         return [self._failure(vehicle, reason, t_ns), *pause]
 
-    def _refused(self, vehicle: int, reason: str, t_ns: int) -> list[Effect]:
-        """Report a mission that is not uploaded, with an alarm once for each reason."""
+    def _refused(self, vehicle: int, kind: str, reason: str, t_ns: int) -> list[Effect]:
+        """Report a mission that is not uploaded, with an alarm once for each kind of reason."""
         effects: list[Effect] = []
-        kind = "".join(letter for letter in reason if not letter.isdigit())
         tasking = self._agents[vehicle].tasking
         if tasking.refusal != kind:
             effects.append(Notice(t_ns, NoticeCode.MISSION_HELD_BACK, vehicle, {"reason": reason}))

@@ -1,4 +1,4 @@
-"""Pauses between failed uploads to one vehicle.
+"""Pauses between failed uploads, clearings and rejections of one vehicle.
 
 After repeated failures uploads pause, so that a vehicle that refuses its missions does not block its link.
 The first failure causes no pause.

@@ -1,4 +1,4 @@
-"""Upload window of a link: number of uploads at a time.
+"""Upload window of a link: how many uploads at a time, by its round trip and loss.
 
 A radio is slow and shared. With too many uploads at a time every request is repeated before its reply can
 come. The window follows TCP (Jacobson, *Congestion Avoidance and Control*, 1988): each success adds one. Long

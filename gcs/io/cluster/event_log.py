@@ -1,4 +1,4 @@
-"""The events of a command, for a standby: all that the engine consumes, in order and numbered.
+"""Event log for a standby: all events that the engine of command consumes, in order and numbered.
 
 ============================  =================================================================
 key                           message

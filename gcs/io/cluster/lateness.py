@@ -1,4 +1,4 @@
-"""How late a message is, between two processes whose clocks differ.
+"""Lateness of messages between two processes whose clocks differ, and the greatest that is accepted.
 
 The sender puts its monotonic time into each message. The least difference to the receiver's monotonic time
 stands for a message that was not delayed; what a message has more is its delay. The least difference follows

@@ -1,4 +1,4 @@
-"""Filter for bytes that form no MAVLink frame: they are counted, and recorded as a sample only.
+"""Garbage on links: bytes that form no MAVLink frame are counted, and recorded as a sample only.
 
 A radio without a vehicle, a wrong baud rate or an attacker can send megabytes of them a second. Frames always
 pass.

@@ -1,4 +1,4 @@
-"""All MAVLink endpoints of a run, and the routes between vehicles and other ground stations (*clients*).
+"""Links of a run: all its MAVLink endpoints, and the routes between vehicles and other ground stations.
 
 Vehicles' frames go to central command unchanged, except those that a signed link rejects, and to clients by
 `gcs.mavlink.router.router`. Clients' frames go to vehicles, as far as their access allows, and then to

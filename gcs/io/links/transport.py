@@ -1,4 +1,4 @@
-"""Interfaces of MAVLink endpoints: `Transport`, and the `Listener` that uses it."""
+"""Interfaces of MAVLink endpoints: `Transport`, and `Listener`; the waits before reconnects."""
 
 from __future__ import annotations
 

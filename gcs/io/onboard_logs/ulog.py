@@ -72,7 +72,7 @@ def _telemetry(log: Any) -> OnboardTelemetry:
     for k, t_ns in enumerate(_times_ns(status)):
         main, sub = _MODES.get(int(status["nav_state"][k]), (0, 0))
         armed = int(status["arming_state"][k]) == _ARMED
-        telemetry.add_state(t_ns, main << 16 | sub << 24, armed=armed)
+        telemetry.add_state(t_ns, (main << 16) | (sub << 24), armed=armed)
     battery = topics.get("battery_status", {"timestamp": []})
     for k, t_ns in enumerate(_times_ns(battery)):
         percent = 100.0 * float(battery["remaining"][k])

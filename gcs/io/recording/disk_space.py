@@ -1,4 +1,4 @@
-"""Space of a recording."""
+"""Disk space left for a recording, and how long it lasts."""
 
 from __future__ import annotations
 

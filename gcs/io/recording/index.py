@@ -1,4 +1,4 @@
-"""Reads parts of a recording by the indices of its chunks, without the rest.
+"""Index of a recording: reads chunks by their times and kinds, without the rest.
 
 A message index behind each chunk has the times and offsets of its messages by channel. What is behind damage
 is left out.

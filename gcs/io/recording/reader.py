@@ -1,4 +1,4 @@
-"""Reads the records of a run in the order of consumption.
+"""Reader of recordings: all records, or some kinds, in the order of consumption.
 
 An MCAP (https://mcap.dev/spec) is a magic number and then records of (1-byte opcode, 8-byte length,
 content). Messages are in compressed chunks with a checksum. A chunk is read completely or not at all. If a

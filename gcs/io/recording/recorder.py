@@ -1,4 +1,4 @@
-"""Writes the recording of a run: every event, effect and truth in the order of consumption.
+"""Recorder: writes every event, effect and truth of a run; parts of bounded size, space kept free.
 
 A message's ``sequence`` counts all records of the run. So the order of consumption is known although times
 may be equal or run back. ``log_time`` is the time of the run.

@@ -1,4 +1,4 @@
-"""One time line of a log's stamps."""
+"""Timestamps of a log made one time line: stamps that go back or far ahead are corrected."""
 
 from __future__ import annotations
 

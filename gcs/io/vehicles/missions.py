@@ -17,6 +17,7 @@ from gcs.io.vehicles.vehicle_access import VehicleAccess
 from gcs.mavlink.autopilots import AutopilotProfile, profile_of
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import Message
+from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.upload import Upload
 from gcs.mavlink.mission.upload_kinds import mission_upload
@@ -80,7 +81,8 @@ class MissionTask:
             self._authority.release(t_ns)
         first = self._mission.waypoints[0]
         home = Home(first.lat_deg, first.lon_deg, 0.0)  # an ArduPlane keeps its own
-        state = UploadState.of_mission(self._mission, home, self._profile)
+        items = build_items(self._profile, self._mission, home)
+        state = UploadState.of_mission(self._mission, items, self._profile)
         self._upload = mission_upload(state, self._encode, self._authority, UploadPolicy())
         return self._upload.order(Event.START, t_ns)
 

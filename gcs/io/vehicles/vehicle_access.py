@@ -14,7 +14,7 @@ from gcs.config import Config
 from gcs.endpoints import Endpoint, Link, parse_endpoint
 from gcs.errors import LinkError
 from gcs.io.zenoh.discovery import ServiceInfo, running_services
-from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID
+from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, OWN_IDS
 
 _SECOND_GCS_SYSTEM_ID: Final = 254
 _CALLERS: Final = {"udpin": "udpout", "tcpin": "tcp"}
@@ -26,7 +26,7 @@ class VehicleAccess:
     """Links to the vehicles, and our ids there."""
 
     links: tuple[Link, ...]
-    own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
+    own: tuple[int, int] = OWN_IDS
     service: ServiceInfo | None = None
     """Running service that owns the mission's links, if any. Vehicles watch its heartbeats."""
 

@@ -1,4 +1,4 @@
-"""Why a TLS connection to a zenoh endpoint fails: zenoh tries again for ever, and does not say.
+"""Handshake with a zenoh endpoint, to say why a TLS connection fails: zenoh does not.
 
 The handshake is made once more with Python's `ssl`. In TLS 1.3 the other side's refusal of our certificate
 comes after the handshake, as an alert.

@@ -1,4 +1,4 @@
-"""Sending an order and waiting for its answers (``docs/orders.md``).
+"""Client of orders: sends one on zenoh, and waits for its answers (``docs/orders.md``).
 
 An order is repeated until it is answered, since the connection may come up late. The service carries out each
 order id once.

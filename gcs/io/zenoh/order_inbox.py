@@ -1,4 +1,4 @@
-"""Queues between zenoh and the event queue for orders: one for each sender, safety orders first.
+"""Inbox of orders from zenoh: queues for each sender, rate limits, safety orders first.
 
 An order costs up to 60 ms of the one consumer (a new no-fly zone is planned around at once). A flood would
 delay vehicles' frames and heartbeats. `BURST` orders pass at once, then `ORDERS_PER_S`, senders in turn: one

@@ -1,4 +1,4 @@
-"""The vehicles on our links, by network and system id. Sans-I/O: datagrams in, `Send` and `Notice` out.
+"""The fleet: all vehicles on our links; which frames are accepted, addresses, heartbeats. Sans-I/O.
 
 Vehicles are numbered by `gcs.model.vehicle_id`; on network 0 that is the system id.
 
@@ -64,8 +64,7 @@ from gcs.mavlink.fleet.telemetry_table import (
 from gcs.mavlink.fleet.vehicle import Health, Readings, Vehicle
 from gcs.mavlink.frames.codec import (
     AUTOPILOT_COMPONENT_ID,
-    GCS_COMPONENT_ID,
-    GCS_SYSTEM_ID,
+    OWN_IDS,
     Encoder,
     Frame,
     FrameTable,
@@ -175,7 +174,7 @@ class Fleet:
         settings: FleetSettings | None = None,
         *,
         links: Iterable[Link] = (),
-        own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
+        own: tuple[int, int] = OWN_IDS,
         kernel: bool = True,
         state: FleetState | None = None,
         vehicle_links: Mapping[int, VehicleLink] | None = None,

@@ -1,4 +1,4 @@
-"""Control authority over one vehicle: ours, or overridden by a pilot, a failsafe or another station.
+"""Mode changes of one vehicle: each is ours, or an override by a pilot, a failsafe or another station.
 
 A mode alone does not show its cause. Each change of mode is classified:
 

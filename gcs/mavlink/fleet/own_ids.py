@@ -1,4 +1,4 @@
-"""Another service with our system and component id on a vehicles' link.
+"""Another service with our system and component id on a link: found by heartbeats that are not ours.
 
 Each service has an instance number, from the time of its first tick. Its heartbeats carry the number as their
 custom mode, which autopilots do not read from a ground station. So the heartbeats of another service differ

@@ -1,4 +1,4 @@
-"""Addresses of vehicles: their numbers in the telemetry table, and when our heartbeats to them are due.
+"""Addresses of vehicles: their numbers in the telemetry table, and when our heartbeat to each is due.
 
 An address is a link and a peer; vehicles may share one. Entries of unused addresses are dropped at a bound.
 """

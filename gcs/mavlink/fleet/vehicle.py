@@ -1,4 +1,4 @@
-"""State of one vehicle: position, mode, mission item, health and link quality.
+"""State of one vehicle from its messages: position, mode, mission item, health and link quality.
 
 Fields: https://mavlink.io/en/messages/common.html. Position and ground speed come from GLOBAL_POSITION_INT
 (1e-7 degrees, mm, cm/s), mode and arming from HEARTBEAT, the current item from MISSION_CURRENT. Loss is

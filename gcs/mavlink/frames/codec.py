@@ -50,19 +50,21 @@ GCS_SYSTEM_ID = 255
 GCS_COMPONENT_ID: int = dialect.MAV_COMP_ID_PATHPLANNER
 """Not 190 as QGroundControl and Mission Planner: answers to them are then not for us."""
 AUTOPILOT_COMPONENT_ID = 1
+OWN_IDS = (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
+"""Our system and component id."""
 
 OFFSET, LENGTH, MESSAGE_ID, SYSTEM, COMPONENT, SEQUENCE, SIGNED, CHECKED, WIDTH = range(9)
 """Columns of `FrameTable.rows`. CHECKED is 0 for a frame of an id that the dialect lacks."""
 
-_MAGIC_V1 = 0xFE
-_MAGIC_V2 = 0xFD
-_HEADER_BYTES_V1 = 6
-_HEADER_BYTES_V2 = 10
+MAGIC_V1 = 0xFE
+MAGIC_V2 = 0xFD
+HEADER_BYTES_V1 = 6
+HEADER_BYTES_V2 = 10
 _CRC_BYTES = 2
 _SIGNATURE_BYTES = 13
-_SIGNED_FLAG = 0x01
-_MAX_FALSE_STARTS = 64
-_START_BYTE = re.compile(b"[\xfd\xfe]")
+SIGNED_FLAG = 0x01
+MAX_FALSE_STARTS = 64
+START_BYTE = re.compile(b"[\xfd\xfe]")
 _FIELD_CODE = re.compile(r"\d*[a-zA-Z]")
 
 
@@ -104,10 +106,10 @@ class Frame(NamedTuple):
             return self._decode_any()
         definition, unpack, size, in_order = numeric
         data = self.data
-        begin = _HEADER_BYTES_V2 if data[0] == _MAGIC_V2 else _HEADER_BYTES_V1
+        begin = HEADER_BYTES_V2 if data[0] == MAGIC_V2 else HEADER_BYTES_V1
         payload = data[begin : begin + min(data[1], size)]
         message = definition(*in_order(unpack(payload.ljust(size, b"\0"))))
-        flags = data[2:4] if begin == _HEADER_BYTES_V2 else b"\0\0"
+        flags = data[2:4] if begin == HEADER_BYTES_V2 else b"\0\0"
         message._header = dialect.MAVLink_header(
             self.message_id, flags[0], flags[1], data[1], self.sequence, self.system_id, self.component_id
         )
@@ -177,7 +179,7 @@ def scan(data: bytes) -> FrameTable:
     """Return the frames of a datagram."""
     rows: list[tuple[int, ...]] = []
     bad_bytes = crc_errors = unknown = false_starts = 0
-    tries = _MAX_FALSE_STARTS
+    tries = MAX_FALSE_STARTS
     at = 0
     end = len(data)
     while at < end:
@@ -188,7 +190,7 @@ def scan(data: bytes) -> FrameTable:
                 at += length
                 continue
             if _message_id(data, at) not in dialect.mavlink_map:
-                if at + length == end or data[at + length] in (_MAGIC_V1, _MAGIC_V2):
+                if at + length == end or data[at + length] in (MAGIC_V1, MAGIC_V2):
                     covers_good, tries = _covers_good_frame(data, at, length, tries)
                     if not covers_good:
                         rows.append(_row(data, at, length, 0))
@@ -198,10 +200,10 @@ def scan(data: bytes) -> FrameTable:
             else:
                 crc_errors += 1
             false_starts += 1
-            if false_starts >= _MAX_FALSE_STARTS:
+            if false_starts >= MAX_FALSE_STARTS:
                 bad_bytes += end - at
                 break
-        marker = _START_BYTE.search(data, at + 1)
+        marker = START_BYTE.search(data, at + 1)
         next_at = marker.start() if marker else end
         bad_bytes += next_at - at
         at = next_at
@@ -215,7 +217,7 @@ def _covers_good_frame(data: bytes, at: int, length: int, tries: int) -> tuple[b
     """
     end = len(data)
     stop = at + length
-    while tries and (marker := _START_BYTE.search(data, at + 1, stop)):
+    while tries and (marker := START_BYTE.search(data, at + 1, stop)):
         at = marker.start()
         inner = _frame_length(data, at, end)
         if inner and _message_id(data, at) in dialect.mavlink_map:
@@ -262,22 +264,22 @@ def next_sequence(sequence: int) -> int:
 def _frame_length(data: bytes, at: int, end: int) -> int:
     """Return the length of the frame that may start at `at`; 0 if there is none."""
     magic = data[at]
-    if magic == _MAGIC_V2 and at + _HEADER_BYTES_V2 + _CRC_BYTES <= end:
+    if magic == MAGIC_V2 and at + HEADER_BYTES_V2 + _CRC_BYTES <= end:
         flags = data[at + 2]
-        if flags & ~_SIGNED_FLAG:
+        if flags & ~SIGNED_FLAG:
             return 0
         length = (
-            _HEADER_BYTES_V2 + data[at + 1] + _CRC_BYTES + (_SIGNATURE_BYTES if flags & _SIGNED_FLAG else 0)
+            HEADER_BYTES_V2 + data[at + 1] + _CRC_BYTES + (_SIGNATURE_BYTES if flags & SIGNED_FLAG else 0)
         )
-    elif magic == _MAGIC_V1 and at + _HEADER_BYTES_V1 + _CRC_BYTES <= end:
-        length = _HEADER_BYTES_V1 + data[at + 1] + _CRC_BYTES
+    elif magic == MAGIC_V1 and at + HEADER_BYTES_V1 + _CRC_BYTES <= end:
+        length = HEADER_BYTES_V1 + data[at + 1] + _CRC_BYTES
     else:
         return 0
     return length if at + length <= end else 0
 
 
 def _message_id(data: bytes, at: int) -> int:
-    if data[at] == _MAGIC_V1:
+    if data[at] == MAGIC_V1:
         return data[at + 5]
     return data[at + 7] | (data[at + 8] << 8) | (data[at + 9] << 16)
 
@@ -297,7 +299,7 @@ def _has_valid_checksum(data: bytes, at: int, length: int) -> bool:
 
 
 def _is_signed(data: bytes, at: int) -> bool:
-    return data[at] == _MAGIC_V2 and bool(data[at + 2] & _SIGNED_FLAG)
+    return data[at] == MAGIC_V2 and bool(data[at + 2] & SIGNED_FLAG)
 
 
 def _row(data: bytes, at: int, length: int, checked: int) -> tuple[int, ...]:
@@ -316,7 +318,7 @@ def _row(data: bytes, at: int, length: int, checked: int) -> tuple[int, ...]:
 
 def frame_at(data: bytes, at: int, length: int) -> Frame:
     """Return the frame of `length` bytes at `at`, unchecked."""
-    sender = at + (5 if data[at] == _MAGIC_V2 else 3)
+    sender = at + (5 if data[at] == MAGIC_V2 else 3)
     return Frame(
         data[sender],
         data[sender + 1],
@@ -366,5 +368,5 @@ def target_of(frame: Frame) -> tuple[int, int] | None:
 def payload_byte(frame: Frame, offset: int) -> int:
     """Return one byte of a frame's payload; truncated bytes are 0."""
     data = frame.data
-    begin = _HEADER_BYTES_V2 if data[0] == _MAGIC_V2 else _HEADER_BYTES_V1
+    begin = HEADER_BYTES_V2 if data[0] == MAGIC_V2 else HEADER_BYTES_V1
     return data[begin + offset] if offset < data[1] else 0

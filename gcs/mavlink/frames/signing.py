@@ -31,7 +31,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Link
 from gcs.mavlink.fleet.peers import Address
-from gcs.mavlink.frames.codec import Frame, FrameTable, target_of
+from gcs.mavlink.frames.codec import MAGIC_V2, SIGNED_FLAG, Frame, FrameTable, target_of
 from gcs.mavlink.frames.fast_verify import Verified, Verifier
 from gcs.model import NS_PER_S, network_of, vehicle_id
 
@@ -48,8 +48,6 @@ Stream: TypeAlias = str
 """"network/system/component/link id"; on an endpoint for other ground stations preceded by its name."""
 
 NS_PER_TICK: Final = 10_000
-_MAGIC_V2: Final = 0xFD
-_SIGNED_FLAG: Final = 0x01
 _SETUP_SIGNING: Final[int] = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
 _MAYBE_SETUP: Final = re.compile(b"\xfd.{6}" + re.escape(_SETUP_SIGNING.to_bytes(3, "little")), re.DOTALL)
 _RADIO: Final = (dialect.MAVLINK_MSG_ID_RADIO_STATUS, dialect.MAVLINK_MSG_ID_RADIO)
@@ -68,7 +66,7 @@ def _flag_changes() -> tuple[int, ...]:
     changes = []
     crc = dialect.x25crc(None)
     crc.crc = 0
-    crc.accumulate(bytes((_SIGNED_FLAG, *[0] * 8)))  # the flag, seven bytes of header, the definition's byte
+    crc.accumulate(bytes((SIGNED_FLAG, *[0] * 8)))  # the flag, seven bytes of header, the definition's byte
     for _ in range(256):
         changes.append(crc.crc)
         crc.accumulate(b"\0")
@@ -96,8 +94,8 @@ def fingerprint(key: bytes) -> str:
 def signed(frame: bytes, key: bytes, link_id: int, timestamp: int) -> bytes:
     """Return a MAVLink 2 frame signed; an existing signature is replaced."""
     body = bytearray(frame[: 12 + frame[1]])
-    if not body[2] & _SIGNED_FLAG:
-        body[2] |= _SIGNED_FLAG
+    if not body[2] & SIGNED_FLAG:
+        body[2] |= SIGNED_FLAG
         change = _FLAG_CHANGES[body[1]]
         body[-2] ^= change & 0xFF
         body[-1] ^= change >> 8
@@ -284,7 +282,7 @@ class SigningGate:
         if key is None or (not frame.signed and frame.message_id in _RADIO):
             return ""
         if not frame.signed:
-            return "not signed" if frame.data[0] == _MAGIC_V2 else "MAVLink 1, which cannot be signed"
+            return "not signed" if frame.data[0] == MAGIC_V2 else "MAVLink 1, which cannot be signed"
         if not is_signed_by(frame.data, key):
             return "signed with another key"
         self._note_key(address, key)
@@ -336,9 +334,9 @@ class SigningGate:
             keys = self._keys_to(link, address, frame)
             if not keys:
                 out += frame.data
-            elif frame.data[0] != _MAGIC_V2:
+            elif frame.data[0] != MAGIC_V2:
                 self._counters_of(link.name).rejected["MAVLink 1 for a signed link"] += 1
-            for key in keys if frame.data[0] == _MAGIC_V2 else ():
+            for key in keys if frame.data[0] == MAGIC_V2 else ():
                 self.timestamp = max(self.timestamp + 1, timestamp_of(t_ns))
                 self._counters_of(link.name).signed += 1
                 out += signed(frame.data, key, self._ids[link.name], self.timestamp)

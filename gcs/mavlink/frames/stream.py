@@ -6,15 +6,7 @@ at most, waits for the next read. Nothing raises on any input, and false starts 
 
 from __future__ import annotations
 
-import re
-from typing import Final
-
-from gcs.mavlink.frames.codec import checked_frame
-
-_START_BYTE: Final = re.compile(b"[\xfd\xfe]")
-_MAGIC_V2: Final = 0xFD
-_SIGNED_FLAG: Final = 0x01
-_MAX_FALSE_STARTS: Final = 64
+from gcs.mavlink.frames.codec import MAGIC_V2, MAX_FALSE_STARTS, SIGNED_FLAG, START_BYTE, checked_frame
 
 
 class FrameStream:
@@ -36,7 +28,7 @@ def _complete_length(data: bytes) -> int:
     at = 0
     end = len(data)
     false_starts = 0
-    while marker := _START_BYTE.search(data, at):
+    while marker := START_BYTE.search(data, at):
         at = marker.start()
         length = _claimed_length(data, at, end)
         if at + length > end:
@@ -45,7 +37,7 @@ def _complete_length(data: bytes) -> int:
             at += length
             continue
         false_starts += 1
-        if false_starts >= _MAX_FALSE_STARTS:
+        if false_starts >= MAX_FALSE_STARTS:
             return end
         at += 1
     return end
@@ -53,10 +45,10 @@ def _complete_length(data: bytes) -> int:
 
 def _claimed_length(data: bytes, at: int, end: int) -> int:
     """Return the length that the header at `at` claims: 0 if invalid, beyond the end if unknown yet."""
-    if data[at] == _MAGIC_V2:
+    if data[at] == MAGIC_V2:
         if at + 3 > end:
             return end - at + 1
-        if data[at + 2] & ~_SIGNED_FLAG:
+        if data[at + 2] & ~SIGNED_FLAG:
             return 0
-        return 12 + data[at + 1] + (13 if data[at + 2] & _SIGNED_FLAG else 0)
+        return 12 + data[at + 1] + (13 if data[at + 2] & SIGNED_FLAG else 0)
     return 8 + data[at + 1] if at + 2 <= end else end - at + 1

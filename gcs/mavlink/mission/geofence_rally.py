@@ -1,4 +1,4 @@
-"""Geofences and rally points as items of the mission protocol.
+"""Geofences and rally points as items of the mission protocol, and the comparison of what was read back.
 
 Sources: https://mavlink.io/en/services/mission.html (geofence and rally plans), ArduPilot's
 `MissionItemProtocol_Fence` and `_Rally`.

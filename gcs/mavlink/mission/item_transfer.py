@@ -1,4 +1,4 @@
-"""The two transfers of the mission protocol: `MissionDownload` and `MissionUpload`. Sans-I/O.
+"""Transfer of a list of items: `MissionDownload` and `MissionUpload`, with their retries. Sans-I/O.
 
 MAV_MISSION_TYPE distinguishes missions, fences and rally points. Sources:
 https://mavlink.io/en/services/mission.html, ArduPilot's `MissionItemProtocol`, PX4's `mavlink_mission`.

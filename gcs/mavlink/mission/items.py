@@ -1,4 +1,4 @@
-"""Mission items: record, message, and comparison of two lists.
+"""Mission items: record, message, and comparison of two lists, with tolerances for heights and parameters.
 
 Source: https://mavlink.io/en/services/mission.html. `item_builder` makes the items of a mission.
 """

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple, TypeAlias
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots.modes import AUTO
-from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
+from gcs.mavlink.frames.codec import OWN_IDS, Message
 from gcs.mavlink.mission.geofence_rally import LIST_NAMES
 from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.upload_events import is_meant, message_event, time_event
@@ -98,7 +98,7 @@ class Upload:
         encode: Callable[[Message], bytes],
         limits: UploadLimits,
         flight: Flight | None = None,
-        own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
+        own: tuple[int, int] = OWN_IDS,
     ) -> None:
         self.rules = rules
         self.state = state

@@ -7,7 +7,7 @@ from typing import Final
 
 from gcs.mavlink.autopilots import profile_of
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
-from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
+from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, OWN_IDS, Message
 from gcs.mavlink.mission.item_transfer import MissionUpload
 from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.upload import Upload
@@ -53,7 +53,7 @@ def list_upload(
     items: Sequence[Item] | None,
     encode: Callable[[Message], bytes],
     t_ns: int,
-    own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
+    own: tuple[int, int] = OWN_IDS,
 ) -> Upload:
     """Begin the upload or download of a fence or of rally points.
 

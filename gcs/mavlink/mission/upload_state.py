@@ -7,15 +7,15 @@ mode). Uploads of fences and rally points use the first two only.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from gcs.mavlink.autopilots import ARDUPLANE, AutopilotProfile
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID
-from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.item_transfer import MissionDownload, MissionUpload
-from gcs.mavlink.mission.items import Home, Item
+from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.upload_limits import UploadPolicy
 from gcs.mavlink.mission.upload_stages import OnboardState, Stage
 from gcs.mavlink.services.retransmission_timeout import RttEstimator
@@ -178,36 +178,32 @@ class UploadState:
     def of_mission(
         cls,
         mission: Mission,
-        home: Home,
+        items: Sequence[Item],
         profile: AutopilotProfile = ARDUPLANE,
         *,
         old: tuple[Item, ...] | None = None,
         inconsistent: bool = False,
         current: int | None = None,
-        from_ground: bool = False,
         round_trip_s: float = 0.0,
     ) -> UploadState:
         """Return the state before the begin.
 
         Parameters
         ----------
-        home : Home
-            Item 0 for firmwares that keep home there; the vehicle replaces it.
+        items : sequence of Item
+            Those of the mission (`gcs.mavlink.mission.item_builder`).
         old : tuple of Item or None
             Onboard mission by the last read-back. A failed upload may then end in "old" instead of clearing.
         inconsistent : bool
             True if an earlier upload may have left an inconsistent mission.
-        from_ground : bool
-            True if the mission begins with a take-off.
         round_trip_s : float
             Earlier measurement of its link; 0 for none.
         """
-        items = build_items(profile, mission, home, from_ground=from_ground)
         to = (system_of(mission.vehicle), AUTOPILOT_COMPONENT_ID)
         onboard = OnboardState.UNKNOWN if inconsistent else OnboardState.OLD
         return cls(
             vehicle=mission.vehicle,
-            transfer=Transfer(MissionUpload(items, to, in_order=profile.in_order)),
+            transfer=Transfer(MissionUpload(tuple(items), to, in_order=profile.in_order)),
             rtt=RttEstimator(round_trip_s),
             mission_id=mission.mission_id,
             autopilot=profile.autopilot,

@@ -1,4 +1,4 @@
-"""Frames that other ground stations may send to a vehicle, by the access of their endpoint.
+"""Access of other ground stations: which of their frames reach a vehicle (`access` of their endpoint).
 
 =============  ===============================================================================================
 full           everything but a mission message without a target (ArduPilot takes a MISSION_COUNT for

@@ -1,4 +1,4 @@
-"""Our heartbeats go on while command is slow or gone, for a limited time.
+"""Heartbeats of a bridge: they go on while command is slow or gone, for a limited time.
 
 Command sends its heartbeats to each vehicle's address, four a second (`gcs.mavlink.fleet.heartbeat`). A
 bridge passes them on. When the next one is late, the bridge sends it itself, with the sequence numbers that
@@ -19,6 +19,7 @@ from gcs.mavlink.fleet.peers import Address
 from gcs.mavlink.frames.codec import (
     GCS_COMPONENT_ID,
     GCS_SYSTEM_ID,
+    OWN_IDS,
     Encoder,
     Frame,
     Message,
@@ -106,4 +107,4 @@ def _may_be_heartbeat(data: bytes) -> bool:
 
 
 def _is_ours(frame: Frame) -> bool:
-    return is_heartbeat(frame) and (frame.system_id, frame.component_id) == (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
+    return is_heartbeat(frame) and (frame.system_id, frame.component_id) == OWN_IDS

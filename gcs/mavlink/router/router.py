@@ -36,14 +36,13 @@ from gcs.mavlink.fleet.address_learning import Contact, move_of, signed_lead_ns
 from gcs.mavlink.fleet.high_latency import is_high_latency
 from gcs.mavlink.fleet.peers import Address
 from gcs.mavlink.fleet.standby_link import is_second_path
-from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Frame, target_of
+from gcs.mavlink.frames.codec import OWN_IDS, Frame, target_of
 from gcs.mavlink.router import access_policy
 from gcs.mavlink.services.retry import ns
 
 Id: TypeAlias = tuple[int, int]
 """(system, component)."""
 
-_OWN: Final[Id] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
 _HEARTBEAT: Final[int] = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _MAX_RECENT_FRAMES: Final = 4096
 _EXPIRE_EVERY_NS: Final = ns(0.5)
@@ -185,7 +184,7 @@ class Router:
     def _from_client(self, t_ns: int, address: Address, frame: Frame, link: Link) -> Routed:
         if frame.system_id in self._vehicles:
             return Routed((), "uses a vehicle's system id")
-        if (frame.system_id, frame.component_id) == _OWN:
+        if (frame.system_id, frame.component_id) == OWN_IDS:
             return Routed((), "uses central command's ids")
         refusal = self._update_client(t_ns, address, frame)
         if refusal:
@@ -194,7 +193,7 @@ class Router:
             return Routed(())
         system, component = target_of(frame) or (0, 0)
         if system and system not in self._vehicles:
-            return Routed((), "" if system == _OWN[0] else "for an unknown target")
+            return Routed((), "" if system == OWN_IDS[0] else "for an unknown target")
         refusal = access_policy.refusal(
             link.role, frame, system, is_busy=bool(system) and self._is_busy(system)
         )
@@ -316,7 +315,7 @@ class Router:
             self._expire(t_ns)
         if system == 0:
             return tuple(self._clients)
-        if (system, component) == _OWN:
+        if (system, component) == OWN_IDS:
             return ()
         known = [*self._clients.items(), *self._candidates.items()]
         exact = tuple(a for a, client in known if (system, component) in client.ids)

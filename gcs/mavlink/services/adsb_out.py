@@ -1,4 +1,4 @@
-"""Target tracks as ADSB_VEHICLE, so that any ground station shows them on its map.
+"""ADS-B out: target tracks as ADSB_VEHICLE, so that any ground station shows them on its map.
 
 https://mavlink.io/en/messages/common.html#ADSB_VEHICLE. A track's ICAO address is made from its label in the
 unassigned block F00000 ... FFFFFF: stable over the track's life, and of no real aircraft. The height is that

@@ -19,7 +19,12 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import AutopilotProfile, mode_name, profile_of
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
-from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message, is_for
+from gcs.mavlink.frames.codec import (
+    AUTOPILOT_COMPONENT_ID,
+    OWN_IDS,
+    Message,
+    is_for,
+)
 from gcs.mavlink.services.retry import RetryPolicy, RetryTimer
 from gcs.model import system_of
 from gcs.safe_text import printable
@@ -31,7 +36,6 @@ COMMAND_RETRY_POLICY: Final = RetryPolicy(wait_s=1.0, max_wait_s=3.0, max_tries=
 _MAX_REFUSALS: Final = 3
 _MIN_CONFIRMATIONS: Final = 2
 _HEARTBEAT: Final[int] = dialect.MAVLINK_MSG_ID_HEARTBEAT
-_OWN: Final = (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
 _ARMED: Final[int] = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 _WARNING: Final[int] = dialect.MAV_SEVERITY_WARNING
 
@@ -142,7 +146,7 @@ class CommandSender:
             self.outcome = (True, f"{mode}, {'armed' if armed else 'disarmed'}")
 
     def _on_ack(self, message: Message) -> None:
-        is_ours = is_for(message, _OWN)
+        is_ours = is_for(message, OWN_IDS)
         if not is_ours or message.command != self.timer.request.command:
             return
         if message.result == dialect.MAV_RESULT_TEMPORARILY_REJECTED:

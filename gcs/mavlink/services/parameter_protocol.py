@@ -15,7 +15,13 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Message
+from gcs.mavlink.frames.codec import (
+    AUTOPILOT_COMPONENT_ID,
+    HEADER_BYTES_V1,
+    HEADER_BYTES_V2,
+    MAGIC_V2,
+    Message,
+)
 from gcs.mavlink.services.retry import RetryPolicy, RetryTimer
 from gcs.model import system_of
 from gcs.safe_text import printable
@@ -31,9 +37,6 @@ _FORMATS: Final = {
     dialect.MAV_PARAM_TYPE_UINT32: "<I",
     dialect.MAV_PARAM_TYPE_INT32: "<i",
 }
-_MAGIC_V2 = 0xFD
-_HEADER_V1 = 6
-_HEADER_V2 = 10
 _BYTEWISE: Final[int] = dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
 _C_CAST: Final[int] = dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
 
@@ -52,7 +55,7 @@ def decode_value(message: Message, bytewise: bool) -> float:
         return float(message.param_value)
     # From the bytes as they came: a float in between may change those of a NaN.
     frame = bytes(message.get_msgbuf())
-    at = _HEADER_V2 if frame[0] == _MAGIC_V2 else _HEADER_V1
+    at = HEADER_BYTES_V2 if frame[0] == MAGIC_V2 else HEADER_BYTES_V1
     return float(struct.unpack_from(form, frame, at)[0])
 
 

@@ -1,4 +1,4 @@
-"""Data of one vehicle for the preflight check. Sans-I/O. Nothing on the vehicle is changed.
+"""Questions to one vehicle for the preflight check, and its answers. Sans-I/O. Nothing on it is changed.
 
 Messages are requested one by one (MAV_CMD_REQUEST_MESSAGE; most are streamed anyway), then parameters, then
 fence and rally points: never two transfers of the mission protocol at a time. A vehicle whose prearm check
@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import AutopilotProfile, profile_of
 from gcs.mavlink.autopilots.preflight_parameters import Envelope
-from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
+from gcs.mavlink.frames.codec import OWN_IDS, Message
 from gcs.mavlink.mission.geofence_rally import FENCE, RALLY
 from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.upload import Upload
@@ -75,7 +75,7 @@ class PreflightQuery:
         vehicle: int,
         envelope: Envelope,
         encode: Callable[[Message], bytes],
-        own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
+        own: tuple[int, int] = OWN_IDS,
     ) -> None:
         self.vehicle = vehicle
         self.messages: dict[str, tuple[int, Message]] = {}
@@ -105,7 +105,9 @@ class PreflightQuery:
             return "not heard yet"
         if self._reading is None:
             return "state"
-        return "done" if self.is_done else "fence and rally" if self._reading.is_done else "parameters"
+        if self.is_done:
+            return "done"
+        return "fence and rally" if self._reading.is_done else "parameters"
 
     def poll(self, t_ns: int) -> list[bytes]:
         """Advance the timers; return the frames to send, none before the vehicle was heard."""

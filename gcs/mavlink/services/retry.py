@@ -1,4 +1,4 @@
-"""Repetition of a request until it is answered: `RetryPolicy` and `RetryTimer`.
+"""Retries of a request until it is answered: how often, and the waits between (`RetryPolicy`, `RetryTimer`).
 
 MAVLink has no transport layer: every request is sent again if its answer does not come. Waits grow
 geometrically up to a bound, so that repeats do not flood a slow radio.

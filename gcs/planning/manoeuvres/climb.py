@@ -1,4 +1,4 @@
-"""Climb after take-off: straight along the runway up to the take-off altitude.
+"""Climb after take-off along the runway: its length, its first turn, the obstacles and ground below.
 
 ArduPlane's NAV_TAKEOFF holds the runway heading up to its altitude, wherever its waypoint is. PX4 flies
 towards its waypoint. Both turn to the first waypoint at that altitude. So a route begins at the end of the

@@ -1,4 +1,4 @@
-"""Terminal loiter: the last approach to a target, and the circle that the vehicle flies afterwards.
+"""Terminal loiter: the last approach to a target, and the circle flown afterwards clear of obstacles.
 
 A fixed wing cannot stop. At the end of its mission it enters a circle, and overshoots: by some 60 m for a
 circle of 30 m entered over its centre at 15 m/s. A route whose legs are clear may end in a circle that is

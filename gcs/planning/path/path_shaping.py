@@ -1,4 +1,4 @@
-"""Connect places to the grid, and shape a grid path into a route.
+"""Path from the grid to a route: places connected to nodes, shortcuts, then pulling and turns.
 
 A place (an agent, a target) rarely lies on a node. It connects to the surrounding nodes in line of sight,
 with their straight-line distances. The search starts from all of them and ends at any, so path lengths change

@@ -1,4 +1,4 @@
-"""The cost matrix: shortest paths of all agent-target pairs.
+"""Cost matrix: shortest paths of all agent-target pairs, by A* or by Dijkstra, whichever is faster.
 
 One-to-all Dijkstra from each place of the smaller side covers the other side, and ends when all of it is
 reached. For few pairs, and on open ground, A* per pair is faster. `is_pairwise_faster` estimates both from

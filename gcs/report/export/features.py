@@ -12,8 +12,9 @@ from typing import Any
 import msgspec
 
 from gcs.model import target_name, vehicle_name
-from gcs.report.export.mission_frame import Place, TargetEstimate
+from gcs.report.export.mission_frame import Place
 from gcs.report.export.run_map import RunMap, utc_text
+from gcs.report.export.target_ellipse import TargetEstimate
 
 
 def geojson_text(run: RunMap) -> str:

@@ -41,7 +41,8 @@ from gcs.report.export.foxglove_records import (
     Time,
     Vector3,
 )
-from gcs.report.export.mission_frame import MissionFrame, Place, PlannedRoute, TargetEstimate
+from gcs.report.export.mission_frame import MissionFrame, Place, PlannedRoute
+from gcs.report.export.target_ellipse import TargetEstimate, target_estimate
 
 SCHEMAS: Final = (LocationFix, FrameTransform, GeoJSON, SceneUpdate, Log)
 _LEVELS: Final = {"info": 2, "warning": 3, "alarm": 4}
@@ -213,7 +214,9 @@ class FoxgloveMessages:
         mission = self._mission
         if mission is None:
             return
-        found = [mission.target(picture.scan_t_ns, track) for track in picture.tracks if track.estimated]
+        found = [
+            target_estimate(mission, picture.scan_t_ns, track) for track in picture.tracks if track.estimated
+        ]
         features = (one for target in found for one in target_features(target))
         yield _features("/map/targets", t_ns, features)
         labels = {target.label for target in found}

@@ -1,26 +1,19 @@
-"""Frame of a mission on the map: the local frame, the ground, and the heights of altitude layers.
+"""Places of a mission on a map: the local frame in degrees, the ground, routes at the heights of layers.
 
-Positions are latitude and longitude in degrees on WGS84, and metres above mean sea level. Targets are on the
-ground: that of the elevation model, or level ground at the height of the mission's origin.
+Positions are latitude and longitude in degrees on WGS84, and metres above mean sea level.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, NamedTuple, Self
-
-import numpy as np
+from typing import NamedTuple, Self
 
 from gcs.config import Config
 from gcs.geo import LocalFrame
-from gcs.model import Label, Route, Track, target_name, vehicle_name
-from gcs.model.names import is_place
+from gcs.model import Label, Route, target_name, vehicle_name
+from gcs.model.vehicle_ids import is_place
 from gcs.terrain.elevation_grid import Elevation
-
-CHI2_95: Final = -2.0 * math.log(0.05)
-"""95 % quantile of chi-square with two degrees of freedom."""
-_OUTLINE_POINTS: Final = 36
 
 
 class Place(NamedTuple):
@@ -49,33 +42,6 @@ class PlannedRoute:
         aim = target_name(self.target)
         aim = aim if is_place(self.target) else f"target {aim}"
         return f"route of vehicle {vehicle_name(self.vehicle)} to {aim}"
-
-
-@dataclass(frozen=True, slots=True)
-class TargetEstimate:
-    """Last estimate of a target."""
-
-    label: Label
-    t_ns: int
-    place: Place
-    existence: float
-    semi_axes_m: tuple[float, float]
-    """Larger and smaller semi-axis of the ellipse that has the target with a probability of 95 %."""
-    azimuth_deg: float
-    """Direction of the larger semi-axis, clockwise from north, in [0, 180)."""
-    outline: tuple[Place, ...]
-    """Vertices of the ellipse, anticlockwise, the first one repeated."""
-
-    @property
-    def name(self) -> str:
-        """Name for a display."""
-        return f"target {target_name(self.label)}"
-
-    @property
-    def uncertainty(self) -> str:
-        """Uncertainty in words."""
-        larger_m, smaller_m = self.semi_axes_m
-        return f"95 % ellipse {larger_m:.0f} m by {smaller_m:.0f} m towards {self.azimuth_deg:.0f} degrees"
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,30 +79,6 @@ class MissionFrame:
         """Return a position east, north and above the origin, in metres."""
         east_m, north_m = self.local.to_local(place.lat_deg, place.lon_deg)
         return east_m, north_m, place.alt_msl_m - self.local.alt_msl_m
-
-    def target(self, t_ns: int, track: Track) -> TargetEstimate:
-        """Return a track of a target with its ellipse."""
-        centre_m = track.mean[:2]
-        variances, axes = np.linalg.eigh(track.cov[:2, :2])
-        semi_m = np.sqrt(CHI2_95 * np.maximum(variances, 0.0))
-        east, north = axes[:, 1].tolist()
-        turns = np.linspace(0.0, math.tau, _OUTLINE_POINTS + 1)
-        handed = 1.0 if np.linalg.det(axes) < 0.0 else -1.0
-        outline_m = (
-            centre_m
-            + np.outer(np.cos(turns), semi_m[1] * axes[:, 1])
-            + np.outer(handed * np.sin(turns), semi_m[0] * axes[:, 0])
-        )
-        outline = [self.place(*point) for point in outline_m[:-1].tolist()]
-        return TargetEstimate(
-            track.label,
-            t_ns,
-            self.place(*centre_m.tolist()),
-            track.existence,
-            (float(semi_m[1]), float(semi_m[0])),
-            math.degrees(math.atan2(east, north)) % 180.0,
-            (*outline, outline[0]),
-        )
 
     def route(self, route: Route, t_ns: int) -> PlannedRoute:
         """Return a route with its heights, from its first point on: its own, or those of its layer."""

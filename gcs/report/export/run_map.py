@@ -24,7 +24,8 @@ from gcs.model import (
     Track,
     vehicle_name,
 )
-from gcs.report.export.mission_frame import MissionFrame, Place, PlannedRoute, TargetEstimate
+from gcs.report.export.mission_frame import MissionFrame, Place, PlannedRoute
+from gcs.report.export.target_ellipse import TargetEstimate, target_estimate
 from gcs.report.telemetry.flights import Reports
 
 _GAP_NS: Final = 10 * NS_PER_S
@@ -142,7 +143,7 @@ class RunMapBuilder:
             name,
             paths,
             tuple(_from_vehicle(route, flown.get(route.vehicle)) for route in self._routes),
-            tuple(self._frame.target(*self._tracks[label]) for label in labels),
+            tuple(target_estimate(self._frame, *self._tracks[label]) for label in labels),
             tuple(self._losses(flown)),
         )
 

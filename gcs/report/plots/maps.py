@@ -35,7 +35,7 @@ from gcs.report.plots.style import (
     size_for,
     tidy,
 )
-from gcs.report.plots.terrain import draw_terrain, terrain_entries
+from gcs.report.plots.terrain_shading import draw_terrain, terrain_entries
 from gcs.report.run.timeline import Timeline, area_of
 from gcs.report.telemetry.flights import Flight
 

@@ -23,7 +23,7 @@ from gcs.report.plots.style import (
     size_for,
     tidy,
 )
-from gcs.report.plots.terrain import BAND
+from gcs.report.plots.terrain_shading import BAND
 from gcs.report.run.evaluation import OSPA_CUTOFF_M
 from gcs.report.run.timeline import Timeline
 from gcs.report.telemetry.flights import Flight, agl_m

@@ -1,4 +1,4 @@
-"""Timeline of a run: gather in one pass what figures, tables and claims need.
+"""Timeline of a run: what figures, tables and claims need, gathered in one pass.
 
 `TimelineBuilder` keeps positions and times as packed numbers, without covariances. Memory grows with scans
 times objects: about 500 bytes for each object and scan with ground truth, most of it for the evaluator.

@@ -1,4 +1,4 @@
-"""Tracks of a run as CSV, one row for each track and scan, written during the pass."""
+"""Tracks of a run as CSV (`gcs report`): one row for each track and scan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gating: the association options of each predicted track.
+"""Gating: which detections each predicted track may have made, its association options.
 
 An option has a log-weight (log eta, eq. (20) of Vo, Vo & Hoang 2017, relative to clutter):
 

@@ -1,4 +1,4 @@
-"""Kalman prediction and update of single tracks, and the appending of births.
+"""Kalman prediction and update of tracks in kernels, and the appending of births.
 
 A track is one label with one association history and has one Gaussian. Hypotheses share tracks, so each
 prediction and update is computed once (Vo, Vo & Hoang 2017, section IV). Products with matrix elements that

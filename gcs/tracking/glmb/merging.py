@@ -1,4 +1,4 @@
-"""Merging of similar tracks of one label.
+"""Merging of similar components (tracks) of one label.
 
 The number of association histories multiplies at every scan. Histories that differ in one old detection
 soon have nearly equal Gaussians. Tracks of one label with close means, by the covariance of the more probable

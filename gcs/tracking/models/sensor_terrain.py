@@ -1,4 +1,4 @@
-"""Sensors over terrain: heights, lines of sight, and ranges over ground of slant ranges.
+"""Sensors over terrain: heights, lines of sight, and ground ranges of slant ranges.
 
 A slant range r to an object at height z, from a sensor at height h, is the range g over ground with g^2 = r^2
 - (z - h)^2. Without a measured height the object is at a height above the ground under it, so that z depends

@@ -1,4 +1,4 @@
-"""Adaptive birth with a user's models: at detections that no track explains (see `models.adaptive_birth`)."""
+"""Adaptive birth with a user's models, at detections that no track explains."""
 
 from __future__ import annotations
 

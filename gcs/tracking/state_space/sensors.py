@@ -1,4 +1,4 @@
-"""Detections of a scan with the model of their sensor: a `MeasurementModel`, or a `Sensor` of the plane."""
+"""Detections of a scan with a user's sensor model; those that are not finite are skipped."""
 
 from __future__ import annotations
 

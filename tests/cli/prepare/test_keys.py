@@ -35,7 +35,7 @@ def plane():
     port = free_port()
     spec = VehicleSpec(3, 0.0, 0.0, 0.0, 0.0, 15.0, airborne=False)
     arguments = VehicleArguments(LocalFrame(33.2, -87.6, 70.0), [spec])
-    command = process_command("vehicle.process", arguments)
+    command = process_command("vehicle.vehicle_process", arguments)
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdin is not None
         assert process.stdout is not None

@@ -95,7 +95,9 @@ def problem(
     motion = Motion(*place_m, 22.0, math.radians(course_deg))
     items = items[ARDUPLANE.home_items :]
     check = MissionBoundsCheck(config, zones)
-    return check.flight_problem(items, 1, motion, 0.0, 170.0 if takeoff is None else 70.0, HOME.alt_msl_m)
+    height_msl_m = 170.0 if takeoff is None else 70.0
+    found = check.flight_problem(items, 1, motion, 0.0, height_msl_m, HOME.alt_msl_m)
+    return "" if found is None else found.text
 
 
 @pytest.mark.parametrize(
@@ -156,7 +158,7 @@ def test_the_last_check_sees_at_what_height_an_obstacle_is_passed(what, expected
 
 def test_a_mission_whose_circle_leaves_the_fence_is_not_sent_and_the_alarm_names_the_circle(monkeypatch):
     """The last check does not rely on the planner: here the planner has forgotten its circles."""
-    monkeypatch.setattr("gcs.planning.planner._with_terminal_loiter", lambda _grid, route, *_: (route, ""))
+    monkeypatch.setattr("gcs.planning.pair_route._with_terminal_loiter", lambda _grid, route, *_: (route, ""))
     flight = Flight(field((1380.0, 1000.0)), 40.0)
     assert not [report for report in flight.of(UploadReport) if report.ok]
     (alarm,) = alarms(flight.of(Notice))

@@ -9,7 +9,7 @@ from helpers.staging import mission, state, zones_on
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs.core.airspace.mission_bounds import MissionBoundsCheck
+from gcs.core.airspace.mission_bounds import BoundsProblem, MissionBoundsCheck
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.replanning.plan_targets import plan_options
 from gcs.core.replanning.return_routes import landing_of
@@ -19,8 +19,8 @@ from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.model import Mission, NoticeCode, Waypoint, read_only
 from gcs.planning.manoeuvres.landing import plan_return_route
-from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState
+from gcs.planning.team_routes import plan_routes
 
 FENCE = """
 [fence]
@@ -44,7 +44,8 @@ def problem(*points_m, end="loiter", home=HOME, wait_m=None, profile=ARDUPLANE, 
     wait = None if centre_deg is None else Waypoint(*centre_deg, alt_rel_m, 10.0)
     waypoints = tuple(Waypoint(*place, alt_rel_m, 10.0) for place in places)
     items = build_items(profile, Mission(1, 1, waypoints, 30.0, end, wait), home)
-    return check.problem(items[profile.home_items :], seen)
+    found = check.problem(items[profile.home_items :], seen)
+    return "" if found is None else found.text
 
 
 def test_a_mission_inside_passes():
@@ -114,18 +115,18 @@ def test_no_planned_mission_is_refused(seed, end, clearance_m, is_fenced):
         back = landing and plan_return_route(grid, start, route.points_m, home_m, options, landing)
         items = build_items(ARDUPLANE, builder.of(route, 1, about, back), HOME)
         check = MissionBoundsCheck(config, zones_on(grid))
-        assert check.problem(items[ARDUPLANE.home_items :], about) == ""
+        assert check.problem(items[ARDUPLANE.home_items :], about) is None
 
 
 def test_a_mission_that_is_refused_leaves_the_vehicle_with_the_one_that_it_flies():
     class Nowhere:
-        wrong = ""
+        wrong = None
 
         def problem(self, _items, _state):
             return self.wrong
 
         def flight_problem(self, *_flight):
-            return ""
+            return None
 
     swarm = Swarm(1)
     swarm.tasking._bounds = check = Nowhere()
@@ -133,12 +134,13 @@ def test_a_mission_that_is_refused_leaves_the_vehicle_with_the_one_that_it_flies
     swarm.run(10.0)
     plane: Plane = swarm.planes[1]
     held, count = list(plane.store), len(plane.requests)
-    check.wrong = "point 1 of 2 (waypoint at 0.0, 0.0) lies outside the map"
+    text = "point 1 of 2 (waypoint at 0.0, 0.0) lies outside the map"
+    check.wrong = BoundsProblem("map", text)
     for _ in range(3):
         swarm.task(1, read_only([[0.0, 700.0]]))
         swarm.run(10.0)
     assert plane.store == held
     assert len(plane.requests) == count
     (alarm,) = noticed(swarm.effects, NoticeCode.MISSION_HELD_BACK)
-    assert alarm.parameters["reason"] == f"{check.wrong}; the vehicle keeps its onboard mission"
+    assert alarm.parameters["reason"] == f"{text}; the vehicle keeps its onboard mission"
     assert not swarm.reports()[-1].ok

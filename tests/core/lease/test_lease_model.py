@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from lease_model import (
+from helpers.lease_model import (
     BRIDGE_CLOCK,
     DRIFT_TIMES,
     NODE_CLOCK,

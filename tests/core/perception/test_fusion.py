@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from helpers.staging import RADAR, T0, S, at, circle, mission, scan, state
 
-from gcs.core.perception.fusion import MultiSensorTracker, at_time, squared_distances, velocity_m_s
+from gcs.core.perception.fusion import MultiSensorTracker
+from gcs.core.perception.mahalanobis import squared_distances
+from gcs.core.perception.report_sensor import at_time, velocity_m_s
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.core.state import State
 from gcs.errors import WireError
@@ -257,15 +259,11 @@ def test_a_scan_is_of_its_epoch_not_of_its_arrival():
     [
         (5.0, 5.0, RADAR, "twice"),
         (4.0, 5.5, RADAR, "1.000 s before the last"),
-        (3605.0, 5.5, RADAR, "3599.5 s after it arrived"),
         (5.0, 5.0, Sensor("lidar", 0.9, 1e-6, read_only(np.eye(2)), RADAR.field_of_view_m), ""),
         (5.1, 9.0, RADAR, ""),
-        (6.4, 5.5, RADAR, ""),
     ],
 )
-def test_a_scan_that_is_late_repeated_or_ahead_of_its_time_is_refused_with_a_reason(
-    measured_s, arrives_s, sensor, words
-):
+def test_a_scan_that_is_late_or_repeated_is_refused_with_a_reason(measured_s, arrives_s, sensor, words):
     sky = Sky(mission(agents=[START], births=[GOAL]))
     sky.scan(5.0, GOAL)
     refusal = sky.trackers.refusal(scan(measured_s, GOAL, sensor=sensor, arrives_s=arrives_s))

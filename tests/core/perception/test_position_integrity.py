@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gcs.config.schema import TelemetryTable
-from gcs.core.perception.fusion import squared_distances
+from gcs.core.perception.mahalanobis import squared_distances
 from gcs.core.perception.position_integrity import _GATE_CHI2, PositionIntegrityMonitor, _near
 from gcs.core.state import State
 from gcs.mavlink.frames.codec import Encoder, decode

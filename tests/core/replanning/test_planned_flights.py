@@ -13,7 +13,8 @@ from gcs.core.replanning.records import OtherVehicle
 from gcs.core.state import State
 from gcs.model import Route, read_only
 from gcs.planning.manoeuvres.climb import Climb
-from gcs.planning.planner import Choice, plan_mission
+from gcs.planning.plan_result import Choice
+from gcs.planning.planner import plan_mission
 
 CONFIG = mission(
     agents=[(100.0, 200.0), (100.0, 800.0), (100.0, 500.0)],

@@ -4,7 +4,7 @@ from helpers.sky import FIELD, Sky, fly_on, give, place
 
 from gcs.core.separation.forward_flight import simulate_flights
 from gcs.model import Route, read_only
-from gcs.model.names import home_label
+from gcs.model.vehicle_ids import home_label
 from sim_vehicles.autopilots.autopilot_traits import Mode
 
 

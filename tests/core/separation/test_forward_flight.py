@@ -200,3 +200,16 @@ def test_either_firmware_changes_its_height_inside_the_predicted_band(autopilot,
         high_m = paths.high_m[after_s, 0] + (late_m if to_m < 100.0 else 1.0)
         assert low_m < plane.alt_rel_m < high_m, after_s
     assert plane.alt_rel_m == pytest.approx(to_m, abs=3.0)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("course_deg", [0.0, 90.0, 200.0])
+def test_a_circle_that_begins_at_its_centre_is_entered_on_its_own_side(course_deg, side):
+    """At its centre there is no direction to it: some holds were predicted to turn the other way."""
+    course_rad = np.radians(course_deg)
+    circle = Goal(GoalKind.CIRCLE, 500.0, 500.0, side * 60.0, 100.0)
+    hold = Flight(1, 500.0, 500.0, 100.0, 18.0, course_rad, 0.0, 0.0, 0.5, (circle,))
+    paths = simulate_flights([hold], 4.0)
+    east_m, north_m = paths.east_m[-1, 0] - 500.0, paths.north_m[-1, 0] - 500.0
+    to_the_right_m = east_m * np.cos(course_rad) - north_m * np.sin(course_rad)
+    assert side * to_the_right_m > 10.0

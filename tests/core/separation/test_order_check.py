@@ -114,8 +114,9 @@ def test_a_hold_beside_a_held_vehicle_waits_until_it_has_passed():
     assert sky.planes[1].autopilot.mode is Mode.AUTO
     ((_, notice),) = sky.told(NoticeCode.ORDER_WAITS)
     assert (notice.vehicle, notice.parameters["action"]) == (1, "hold")
-    fly_on(sky, 25.0)
-    assert sky.planes[1].autopilot.mode is Mode.LOITER
+    while sky.planes[1].autopilot.mode is not Mode.LOITER:
+        fly_on(sky, 0.4)
+    fly_on(sky, 2.0)
     assert states(sky, "hold", 1) == ["done"]
     assert not sky.near_s
 

@@ -14,8 +14,8 @@ from gcs.planning.manoeuvres.landing import LandingSpec, plan_return_route
 from gcs.planning.map.grid import free_grid, random_obstacles
 from gcs.planning.map.line_of_sight import line_of_sight
 from gcs.planning.path.turns import TurnAnticipation
-from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState, PlanOptions
+from gcs.planning.team_routes import plan_routes
 from sim_vehicles.vehicle.guidance import ToPoint
 from sim_vehicles.vehicle.paper_airframe import Airframe
 

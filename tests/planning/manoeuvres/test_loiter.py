@@ -14,8 +14,8 @@ from gcs.planning.forward_simulation import LoiterCircle, Motion, RemainingMissi
 from gcs.planning.manoeuvres import loiter
 from gcs.planning.map.grid import free_grid, random_obstacles
 from gcs.planning.path.turns import TurnAnticipation
-from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions
+from gcs.planning.team_routes import plan_routes
 from sim_vehicles.vehicle.guidance import Circle, ToPoint
 from sim_vehicles.vehicle.paper_airframe import Airframe
 

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from gcs.model import NoticeCode
 from gcs.planning.map.grid import Grid, free_grid
 from gcs.planning.map.line_of_sight import clear_leg
-from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState, PlanOptions
 from gcs.planning.search.neighbours import cells, places, search_map
+from gcs.planning.team_routes import plan_routes
 
 
 @settings(max_examples=60)

@@ -21,8 +21,8 @@ from gcs.planning.path.corner_smoothing import (
     smooth_corners,
     turn_fits,
 )
-from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState, PlanOptions
+from gcs.planning.team_routes import plan_routes
 
 
 @kernel

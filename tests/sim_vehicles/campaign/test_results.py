@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs.model import NS_PER_S, AgentStatus, Picture, Track, Truth, TruthObject, read_only
-from sim_vehicles.campaign.losses import LossWatch
+from sim_vehicles.campaign.loss_detection import LossWatch
 from sim_vehicles.campaign.results import Row, groups, mean, proportion, rate
 
 

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 
 from gcs.model import TruthObject
-from sim_vehicles.world.process import TruthReceiver
 from sim_vehicles.world.scenario import load
+from sim_vehicles.world.world_process import TruthReceiver
 
 S = 1_000_000_000
 

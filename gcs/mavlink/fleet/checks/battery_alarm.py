@@ -1,4 +1,4 @@
-"""Alarm for the battery of an armed vehicle.
+"""Battery alarm of an armed vehicle: at which charge it is low, and critical.
 
 Remaining charge is that of SYS_STATUS (MAVLink common), in percent. A vehicle that does not report it raises
 no alarm; `gcs preflight` says so.

@@ -1,4 +1,4 @@
-"""Link timeouts: when a silent vehicle is stale, and when its link is down.
+"""Link timeouts: after how long a silent vehicle is stale, and its link is down.
 
 A vehicle that is heard by HIGH_LATENCY2 alone may miss two reports.
 """

@@ -1,4 +1,4 @@
-"""Checks of a single position report (GLOBAL_POSITION_INT), and the order of reports.
+"""Checks of a single position report: range, fix, null island, distance; its order: late, or after a reboot.
 
 Reasons for a refusal, which are counted:
 

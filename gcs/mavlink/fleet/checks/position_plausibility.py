@@ -1,4 +1,4 @@
-"""Checks of a vehicle's position reports against each other.
+"""Checks of a vehicle's positions against each other: too fast, jumps, frozen, two senders with one id.
 
 Reports carry the time since boot; between two of them a vehicle flies at most `max_speed_m_s`.
 

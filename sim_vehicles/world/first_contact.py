@@ -1,4 +1,4 @@
-"""Ground contact: the start of a simulated world with the first ground station that stays."""
+"""Start of a simulated world with the first ground station that stays in contact."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from gcs.planning.forward_simulation import LoiterCircle
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.terrain.ground import Terrain
 from gcs.report.plots.style import AGENTS, AXIS, INK, RED, annotate, heading, legend_below, sample
-from gcs.report.plots.terrain import draw_profile, draw_terrain, terrain_entries
+from gcs.report.plots.terrain_shading import draw_profile, draw_terrain, terrain_entries
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,4 +1,4 @@
-"""Page of a campaign: figures, curves over the swept key, and failed missions.
+"""Report page of a campaign: figures, curves over the swept key, and failed missions.
 
 Every value has its 95 % confidence interval (see `sim_vehicles.campaign.results`).
 """

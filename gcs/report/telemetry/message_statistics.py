@@ -1,4 +1,4 @@
-"""Statistics of a stream of MAVLink frames: senders, messages, rates and loss.
+"""Message statistics of a stream of MAVLink frames (`gcs info`): senders, rates and loss.
 
 Loss is read from the sequence number, which a sender counts modulo 256
 (https://mavlink.io/en/guide/packet_loss.html). After a gap of more than 255 frames it is a lower bound. A
@@ -210,14 +210,16 @@ def rate_hz(count: int, first_t_ns: int, last_t_ns: int) -> float | None:
 
 def _sender(system_id: int, component_id: int, sender: _Sender) -> dict[str, Any]:
     ground = _is_ground_station(system_id, component_id, sender)
-    mixed = 0 < sender.version_1 < sender.frames
+    version = "1" if sender.version_1 else "2"
+    if 0 < sender.version_1 < sender.frames:
+        version = "1 and 2"
     return {
         "system": system_id,
         "component": component_id,
         "type": sender.type.lower(),
         "autopilot": sender.autopilot.lower(),
         "firmware": sender.firmware,
-        "mavlink": "1 and 2" if mixed else "1" if sender.version_1 else "2",
+        "mavlink": version,
         "signed": sender.signed,
         "frames": sender.frames,
         "rate_hz": rate_hz(sender.frames, sender.first_t_ns, sender.last_t_ns),

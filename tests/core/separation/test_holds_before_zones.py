@@ -1,0 +1,175 @@
+"""A vehicle flies into a no-fly zone that was closed across its way, since no route leads round it."""
+
+import numpy as np
+import pytest
+from helpers.hills import elevation_of, terrain_table
+from helpers.noticed import noticed
+from helpers.staging import S
+
+from gcs.model import NoFlyZone, NoticeCode, Order, OrderAnswer, Scan, VerticalLimits
+from sim_vehicles.autopilots.autopilot_traits import Mode
+from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
+from sim_vehicles.world.scenario import parse_scenario
+
+BASE_MSL_M = 70.0
+FIELD = """
+name = "field"
+[frame]
+lat_deg = 33.2
+lon_deg = -87.6
+alt_msl_m = 70.0
+[map]
+width_m = 3000.0
+height_m = 3000.0
+nodes_east = 61
+nodes_north = 61
+[airframe]
+speed_m_s = 15.0
+bank_deg = 35.0
+climb_m_s = 4.0
+sink_m_s = 3.0
+[planning]
+shape = "flyable"
+clearance_m = 20.0
+vertical_clearance_m = 15.0
+avoidance = "{avoidance}"
+[mission]
+altitude_rel_m = 70.0
+[simulation]
+forward_speed_m_s = 15.0
+airframe = "banked"
+px4 = {px4}
+[simulation.sensor]
+clutter_per_scan = 0.0
+[[agents]]
+system_id = 1
+east_m = 300.0
+north_m = 1500.0
+course_deg = 90.0
+[[births]]
+east_m = 2300.0
+north_m = 1500.0
+[[simulation.targets]]
+east_m = 2300.0
+north_m = 1500.0
+"""
+WALL_M = ((1200.0, -100.0), (1400.0, -100.0), (1400.0, 3100.0), (1200.0, 3100.0))
+"""From south to north across the map."""
+CLOSED_S = 40.0
+
+
+class Flight:
+    """A vehicle on its way east, and a zone across the whole map that is closed before it."""
+
+    def __init__(self, *, over_terrain=False, limits=None, avoidance="act", px4=()) -> None:
+        text = FIELD.format(avoidance=avoidance, px4=list(px4))
+        if over_terrain:
+            text += terrain_table(elevation_of(lambda east, north: 70.0 + 0.02 * east + 0.0 * north, 3000.0))
+        self.effects = []
+        self.run = VirtualRun(
+            parse_scenario(text, "field"), 1, on_effect=lambda _t_ns, effect: self.effects.append(effect)
+        )
+        self.plane = self.run.vehicles["vehicle:1"]
+        self.fly(CLOSED_S)
+        self.close(NoFlyZone("fire", None, WALL_M, limits or VerticalLimits(None, None)))
+
+    def close(self, zone: NoFlyZone) -> None:
+        t_ns = self.run.t_ns
+        self.run.order(Order(t_ns, f"{zone.name}-{t_ns}", "no-fly-zone", None, None, zone))
+
+    def fly(self, until_s: float) -> float:
+        """Fly on; return the greatest distance to the east."""
+        east_m = 0.0
+        for t_s in np.arange((self.run.t_ns - START_T_NS) / S + 0.5, until_s + 0.1, 0.5).tolist():
+            self.run.run(t_s)
+            self.run.ended = False
+            east_m = max(east_m, self.plane.east_m)
+        return east_m
+
+    def told(self, code: NoticeCode) -> list:
+        return noticed(self.effects, code)
+
+
+KINDS = [
+    {},
+    {"px4": (1,)},
+    {"over_terrain": True},
+    {"over_terrain": True, "limits": VerticalLimits(None, 400.0, "msl")},
+    {"limits": VerticalLimits(20.0, 200.0, "home")},
+]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_vehicle_holds_before_a_zone_without_a_way_round_until_it_is_opened(kind):
+    flight = Flight(**kind)
+    assert flight.fly(200.0) < 1200.0
+    (notice,) = flight.told(NoticeCode.HOLDS_BEFORE_ZONE)
+    assert (notice.vehicle, notice.parameters["other"], notice.level) == (1, "no-fly zone fire", "alarm")
+    assert flight.plane.autopilot.mode is Mode.LOITER
+    assert not flight.told(NoticeCode.ZONE_ENTERED)
+    assert not flight.told(NoticeCode.AVOIDS_NO_LONGER)
+    flight.close(NoFlyZone("fire"))
+    assert flight.fly(330.0) > 2100.0
+    (over,) = flight.told(NoticeCode.AVOIDS_NO_LONGER)
+    assert notice.key in over.ended
+    assert flight.run.engine.state.agents[1].perception.status.status == "arrived"
+
+
+def test_with_warnings_only_it_flies_through_and_alarms_tell():
+    flight = Flight(avoidance="warn")
+    assert flight.fly(120.0) > 1400.0
+    assert not flight.told(NoticeCode.HOLDS_BEFORE_ZONE)
+    assert flight.told(NoticeCode.ZONE_ENTERED)
+
+
+def test_an_alarm_of_a_zone_comes_without_a_sensor_and_ends_when_the_last_zone_is_opened():
+    flight = Flight(avoidance="warn")
+    step = flight.run.engine.step
+    flight.run.engine.step = lambda event: [] if isinstance(event, Scan) else step(event)
+    flight.effects.clear()
+    flight.fly(80.0)
+    _, notice = flight.told(NoticeCode.ZONE_AHEAD)  # the first when it was closed
+    flight.close(NoFlyZone("fire"))
+    flight.fly(82.0)
+    assert notice.key in flight.told(NoticeCode.ZONE_CLEAR)[0].ended
+
+
+def test_it_does_not_hold_where_its_circle_would_lead_into_another_zone():
+    flight = Flight()
+    sides = [((100.0, 1540.0), (1190.0, 1540.0), (1190.0, 1600.0), (100.0, 1600.0))]
+    sides += [((100.0, 1400.0), (1190.0, 1400.0), (1190.0, 1460.0), (100.0, 1460.0))]
+    for number, side in enumerate(sides):
+        flight.close(NoFlyZone(f"side-{number}", None, side))
+    flight.fly(70.0)
+    assert not flight.told(NoticeCode.HOLDS_BEFORE_ZONE)
+    assert flight.plane.autopilot.mode is Mode.AUTO
+    assert [one.parameters["zone"] for one in flight.told(NoticeCode.ZONE_AHEAD)].count("fire") >= 1
+
+
+def test_a_pilot_and_an_order_are_stronger_than_the_hold():
+    flight = Flight()
+    flight.fly(75.0)
+    assert flight.told(NoticeCode.HOLDS_BEFORE_ZONE)
+    flight.plane.autopilot.set_mode(Mode.FBWA)
+    flight.fly(90.0)
+    assert flight.plane.autopilot.mode is Mode.FBWA
+    assert flight.told(NoticeCode.AVOIDS_NO_LONGER)
+    flight = Flight()
+    flight.fly(75.0)
+    flight.run.order(Order(flight.run.t_ns, "home", "return", (1,)))
+    flight.fly(160.0)
+    (answer,) = [one for one in flight.effects if isinstance(one, OrderAnswer) and one.order_id == "home"][
+        -1:
+    ]
+    assert answer.state == "done"
+    assert flight.plane.autopilot.mode is Mode.RTL
+
+
+def test_a_vehicle_with_a_way_round_does_not_hold():
+    flight = Flight()
+    flight.close(NoFlyZone("fire"))
+    flight.close(NoFlyZone("small", (1300.0, 1500.0, 100.0)))
+    flight.fly(200.0)
+    assert not flight.told(NoticeCode.HOLDS_BEFORE_ZONE)
+    assert not flight.told(NoticeCode.ZONE_ENTERED)
+    assert flight.plane.east_m > 2100.0
