@@ -951,7 +951,12 @@ class NoticeCode(TableCode):
         "check the sensors; `gcs order ignore`",
         by="target",
     )
-    NO_AGENTS = _mission("no-agents", _W, "no agents", "no vehicle can get a route")
+    NO_AGENTS = _mission(
+        "no-agents",
+        _W,
+        "no plan: no agent can get a route",
+        "all agents are held, on their return, under a pilot's control, at their targets or lost",
+    )
     NO_TARGETS = _mission("no-targets", _W, "no targets", "no target is tracked, or all are ignored")
     NO_FREE_CELL = _mission(
         "no-free-cell", _W, "the map has no free cell", "obstacles cover all of it", "check the map"

@@ -6,6 +6,7 @@ run repeats exactly.
 
 - `StoneSoupTracker`: our tracker as theirs, ``for time, tracks in tracker``.
 - `to_arrays`: their detections as arrays for `track`.
+- `to_scans`: their detections, each at its own time, as scans for `track_scans`.
 - `positions_m`: their tracks or ground truth for our metrics.
 - `to_tracks`, `to_ground_truth`, `to_detections`: ours for their metrics and trackers.
 """
@@ -13,6 +14,7 @@ run repeats exactly.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime, timedelta
 from itertools import pairwise
 from typing import Any, Final
@@ -28,8 +30,8 @@ from stonesoup.types.groundtruth import GroundTruthPath, GroundTruthState
 from stonesoup.types.state import GaussianState
 from stonesoup.types.track import Track
 
-from gcs.model import FloatArray, Label
-from gcs.tracking.batch import BatchTracker, SensorScan, TrackSet
+from gcs.model import FloatArray, Label, Sensor
+from gcs.tracking.batch import AnySensor, BatchTracker, SensorScan, TrackSet
 
 _EPOCH: Final = datetime(1970, 1, 1)  # noqa: DTZ001  Stone Soup's times are naive
 _ORDER: Final = [0, 2, 1, 3]
@@ -45,7 +47,9 @@ class StoneSoupTracker(Tracker):  # type: ignore[misc]
     """
 
     detector: Any = Property(doc="Iterable of (datetime, set of Detection).")
-    sensor: Any = Property(doc="gcs.tracking.Sensor of all detections; metres.")
+    sensor: Any = Property(
+        doc="gcs.tracking.Sensor, or a MeasurementModel of x and y, of all detections; metres."
+    )
     model: Any = Property(doc="gcs.tracking.TrackingModel.")
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -69,7 +73,9 @@ class StoneSoupTracker(Tracker):  # type: ignore[misc]
         if self._detections is None:
             self._detections = iter(self.detector)
         time, detections = next(self._detections)
-        states = self._tracker.update(SensorScan(t_ns_of(time), self.sensor, _positions(detections)))
+        states = None
+        for scan in _scans_at(time, detections, self.sensor):
+            states = self._tracker.update(scan)
         if states is not None:
             self._now = {label: self._now.get(label) or Track(id=_name(label)) for label in states}
             for label, (mean, cov) in states.items():
@@ -77,10 +83,21 @@ class StoneSoupTracker(Tracker):  # type: ignore[misc]
         return time, self.tracks
 
 
+def to_scans(detector: Iterable[tuple[datetime, set[Any]]], sensor: AnySensor) -> list[SensorScan]:
+    """Return scans for `track_scans`.
+
+    Detections of one set may have times of their own, such as reports that were collected for a minute. Then
+    there is a scan for each of these times, and one without detections at the time of the set. An object is
+    detected in one of them, so each has a part of the sensor's clutter and detection probability.
+    """
+    return [scan for time, detections in detector for scan in _scans_at(time, detections, sensor)]
+
+
 def to_arrays(detector: Iterable[tuple[datetime, set[Any]]]) -> tuple[list[FloatArray], FloatArray]:
     """Return scans, (m, 2) arrays of positions, and their times (K,) in seconds since 1970, for `track`.
 
-    A detection is a position, or has a measurement model that can be inverted, such as range and bearing.
+    A detection is a position, or has a measurement model that can be inverted, such as range and bearing. It
+    counts at the time of its set; with times of their own use `to_scans`.
     """
     pairs = [(_positions(detections), t_ns_of(time)) for time, detections in detector]
     return [z_m for z_m, _ in pairs], np.array([t_ns / 1e9 for _, t_ns in pairs], np.float64)
@@ -157,6 +174,36 @@ def t_ns_of(time: datetime) -> int:
 def time_of(t_ns: int) -> datetime:
     """Return the naive datetime, to the microsecond, of nanoseconds since 1970."""
     return _EPOCH + timedelta(microseconds=round(t_ns / 1000))
+
+
+def _scans_at(time: datetime, detections: set[Any], sensor: AnySensor) -> Iterator[SensorScan]:
+    """Yield the scans of one set of detections (see `to_scans`)."""
+    t_ns = t_ns_of(time)
+    groups: dict[int, list[Any]] = {}
+    for one in detections:
+        groups.setdefault(t_ns_of(one.timestamp), []).append(one)
+    if groups.keys() <= {t_ns}:
+        yield SensorScan(t_ns, sensor, _positions(detections))
+        return
+    undetected = 1.0
+    for at_ns, group in sorted(groups.items()):
+        share = len(group) / len(detections)
+        probability = sensor.detection_probability * share
+        part = replace(_with_clutter(sensor, share), detection_probability=probability / undetected)
+        undetected -= probability
+        yield SensorScan(at_ns, part, _positions(group))
+    if at_ns < t_ns:
+        yield SensorScan(t_ns, replace(sensor, detection_probability=0.0), np.empty((0, 2)))
+
+
+def _with_clutter(sensor: AnySensor, share: float) -> AnySensor:
+    """Return a sensor with a share of its clutter."""
+    if isinstance(sensor, Sensor):
+        return replace(sensor, clutter_density_per_m2=sensor.clutter_density_per_m2 * share)
+    density = sensor.clutter_density
+    if callable(density):
+        return replace(sensor, clutter_density=lambda z: share * density(z))
+    return replace(sensor, clutter_density=share * density)
 
 
 def _positions(detections: Iterable[Any]) -> FloatArray:

@@ -72,7 +72,7 @@ def main() -> None:
             duration_s=options.duration, as_json=False, loss=0.0, pack=options.pack,
         )  # fmt: skip
         with DemoSimulation(demo) as simulation:
-            run_demo(demo, simulation, Console(quiet=True))
+            run_demo(simulation, Console(quiet=True))
         mcap_mb = sum(path.stat().st_size for path in folder.glob("*.mcap")) / 1e6
     wall_s = spent_ns["wall"] / 1e9
     name, rate_hz = Path(options.scenario).stem, record_count / wall_s

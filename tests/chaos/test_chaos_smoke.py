@@ -18,7 +18,7 @@ MAX_TAKE_OVER_S = 5.0
 
 def fly(folder: Path, *faults: Fault, is_bridge_alone: bool) -> Flight:
     """Fly for a short time under faults, and check the run."""
-    schedule = Schedule(is_bridge_alone, faults, ((0.2, 2, 1.0),), flies_to_the_end=False)
+    schedule = Schedule(is_bridge_alone, faults, ((0.2, 2, 1.0),), flies_to_the_end=False, answer_s=10.0)
     chaos = ChaosRun(folder, schedule, SPEED)
     try:
         flight = chaos.fly()

@@ -112,7 +112,7 @@ def test_a_mission_is_flown_to_its_end_while_the_wall_clock_is_set(
     options = DemoOptions(str(short_mission(tmp_path)), 1, SPEED, None, 0.0, 4, True, False, folder)
     try:
         with (tmp_path / "lines").open("w") as lines, DemoSimulation(options) as simulation:
-            code = run_demo(options, simulation, Console(file=lines, width=200))
+            code = run_demo(simulation, Console(file=lines, width=200))
     finally:
         started.set()
         ended.set()

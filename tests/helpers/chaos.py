@@ -398,7 +398,7 @@ class ChaosRun:
                 order_id=f"chaos-{number}-{action}", action=action, vehicles=[vehicle], origin="chaos"
             )
             with contextlib.suppress(GcsError):
-                for _ in send_order(address, order, 40.0, 40.0):
+                for _ in send_order(address, order, self._schedule.answer_s, self._schedule.answer_s):
                     pass
             time.sleep(resumes_s)
 

@@ -47,6 +47,8 @@ class Schedule(NamedTuple):
     orders: tuple[tuple[float, int, float], ...]
     """Times at which a vehicle is to hold, the vehicles, and times after which they resume."""
     flies_to_the_end: bool = True
+    answer_s: float = 40.0
+    """Time that an operator waits for the answer to an order; after a take-over there may be none."""
 
 
 def draw_schedule(seed: int) -> Schedule:

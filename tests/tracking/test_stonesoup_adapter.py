@@ -19,7 +19,7 @@ from stonesoup.tracker.base import Tracker
 from stonesoup.types.detection import Detection
 from stonesoup.types.state import State
 
-from gcs.tracking import GlmbParams, Sensor, TrackingModel, Trajectory, ospa, track
+from gcs.tracking import GlmbParams, Sensor, TrackingModel, Trajectory, linear_measurement, ospa, track
 from gcs.tracking.stonesoup_adapter import (
     StoneSoupTracker,
     positions_m,
@@ -28,6 +28,7 @@ from gcs.tracking.stonesoup_adapter import (
     to_arrays,
     to_detections,
     to_ground_truth,
+    to_scans,
     to_tracks,
 )
 
@@ -108,6 +109,41 @@ def test_their_metrics_score_our_tracks_as_our_metric_does(scans):
     ]
     np.testing.assert_allclose(theirs, mine, rtol=1e-6)
     assert scores["siap"]["SIAP Completeness"].value > 0.9
+
+
+def collected(ages_s, minutes=8):
+    """Two ships at 8 m/s report once a minute, each so long before the minute's end."""
+    for minute in range(1, minutes):
+        time = time_of(minute * 60 * 10**9)
+        found = set()
+        for north_m, age_s in zip((0.0, 5000.0), ages_s, strict=True):
+            at = time - datetime.timedelta(seconds=age_s)
+            east_m = 8.0 * (minute * 60.0 - age_s)
+            found.add(Detection([[east_m], [north_m]], timestamp=at, measurement_model=POSITIONS))
+        yield time, found
+
+
+def test_reports_that_were_collected_for_a_minute_count_at_their_own_times():
+    """Taken at the end of the minute, ships would be shown where they were up to 400 m before."""
+    radar = Sensor("ais", 0.9, 1e-12, 25.0 * np.eye(2), (-1e4, -1e4, 1e4, 1e4))
+    model = replace(MODEL, params=GlmbParams(accel_psd_m2_s3=0.01, survival_probability_per_s=0.9999))
+    (*_, (time, tracks)) = StoneSoupTracker(collected((50.0, 5.0)), radar, model)
+    found = sorted((one.state_vector[2, 0], one.state_vector[0, 0]) for one in tracks)
+    east_m = 8.0 * t_ns_of(time) / 1e9
+    np.testing.assert_allclose(found, [[0.0, east_m], [5000.0, east_m]], atol=40.0)
+
+
+@pytest.mark.parametrize("density", [0.01, lambda z: np.full(len(z), 0.01)])
+def test_the_parts_of_a_set_share_clutter_and_detection_probability(density):
+    ais = Sensor("ais", 0.9, 0.01, np.eye(2), (-1e4, -1e4, 1e4, 1e4))
+    parts = to_scans(collected((50.0, 5.0), minutes=2), ais)
+    assert [scan.t_ns / 1e9 for scan in parts] == [10.0, 55.0, 60.0]
+    undetected = [1.0 - scan.sensor.detection_probability for scan in parts]
+    assert np.prod(undetected) == pytest.approx(0.1)
+    assert [scan.sensor.clutter_density_per_m2 for scan in parts[:2]] == [0.005, 0.005]
+    own = replace(linear_measurement("ais", 0.9, 0.01, np.eye(2, 4), np.eye(2)), clutter_density=density)
+    share = to_scans(collected((50.0, 5.0), minutes=2), own)[0].sensor.clutter_density
+    assert (share(np.zeros((1, 2)))[0] if callable(share) else share) == 0.005
 
 
 def test_a_gap_in_a_trajectory_makes_two_tracks_of_one_id():

@@ -100,5 +100,5 @@ def demo(
                 simulation.start()
             from gcs.cli.fly.demo_flight import run_demo  # while the vehicles start
 
-            code = run_demo(options, simulation, console)
+            code = run_demo(simulation, console)
     raise typer.Exit(code)

@@ -42,16 +42,17 @@ from gcs.service.service_load import ServiceLoad
 from gcs.service.signals import fly_on_after_hangup, wait_for_interrupt
 
 
-def run_demo(options: DemoOptions, simulation: DemoSimulation, console: Console) -> int:
-    """Fly, show, record and evaluate a scenario; return the exit code.
+def run_demo(simulation: DemoSimulation, console: Console) -> int:
+    """Fly, show, record and evaluate the scenario of a simulation; return the exit code.
 
-    The simulation may have been started already.
+    It may have been started already.
 
     Raises
     ------
     GcsError
         When the run cannot start: a mistake in the file, a port in use, vehicles that do not start.
     """
+    options = simulation.options
     text, source = read_text(options.scenario)
     for endpoint in options.forward:
         parse_endpoint(endpoint)
@@ -60,14 +61,13 @@ def run_demo(options: DemoOptions, simulation: DemoSimulation, console: Console)
     links = structs.replace(config.links, bridges=[])
     config = structs.replace(config, links=links)  # all of it is on this machine
     with off_loop(console) as view:
-        code, summary = _fly_and_summarise(options, simulation, config, text, source, console, view)
+        code, summary = _fly_and_summarise(simulation, config, text, source, console, view)
     if options.as_json:
         print(summary_json(summary), flush=True)  # noqa: T201  the last line of --json
     return code
 
 
 def _fly_and_summarise(
-    options: DemoOptions,
     simulation: DemoSimulation,
     config: Config,
     text: str,
@@ -76,6 +76,7 @@ def _fly_and_summarise(
     view: QueuedText,
 ) -> tuple[int, Summary]:
     """Fly; return the exit code and the summary."""
+    options = simulation.options
     warm_up(console, *flying(config))
     evaluator = evaluator_of(config)
     run = Run(config.name, options.seed)
@@ -84,7 +85,7 @@ def _fly_and_summarise(
         folder = recorder.folder
         firmware = new_folder(folder, FIRMWARE_NAME) if options.sitl else None
         health, links, duration_s, interrupted = asyncio.run(
-            _fly(config, source, options, simulation, recorder, firmware, evaluator, console, view)
+            _fly(config, source, simulation, recorder, firmware, evaluator, console, view)
         )
     summary = evaluator.summary(
         scenario=config.name,
@@ -154,7 +155,6 @@ def _draw_recording(folder: Path, config: Config, seed: int) -> Path:
 async def _fly(
     config: Config,
     source: str,
-    options: DemoOptions,
     simulation: DemoSimulation,
     recorder: RecorderThread,
     firmware: Path | None,
@@ -163,6 +163,7 @@ async def _fly(
     view: QueuedText,
 ) -> tuple[ServiceLoad, tuple[dict[str, Any], ...], float, bool]:
     """Fly; return health, link counters, run time in seconds, and True if interrupted."""
+    options = simulation.options
     forward = [link for link in config.mavlink_links if link.role != "vehicles"]
     open_links = [Link(parse_endpoint("udpin:127.0.0.1:0")), *forward]
     stop = asyncio.Event()

@@ -73,13 +73,14 @@ class DemoSimulation:
 
     Attributes
     ----------
+    options : DemoOptions
     bus : ZenohSession
         Session of the service. It listens already, so that the world is connected before the first scan.
     """
 
     def __init__(self, options: DemoOptions) -> None:
         self.bus = ZenohSession(listen=free_endpoint())
-        self._options = options
+        self.options = options
         self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> Self:
@@ -98,7 +99,7 @@ class DemoSimulation:
         """
         if self._process is not None:
             return
-        options = self._options
+        options = self.options
         words = [word for text in options.sitl for word in ("--sitl", text)]
         words += ["--sitl-folder", str(folder)] if folder is not None else []
         words += [word for text in options.faults for word in ("--faults", text)]
@@ -150,7 +151,7 @@ class DemoSimulation:
         """Return the clock when the vehicles have started."""
         starting = asyncio.create_task(_until_started(lines, console))
         stopping = asyncio.create_task(stop.wait())
-        timeout_s = _START_TIMEOUT_S + (_FIRMWARE_TIMEOUT_S if self._options.sitl else 0.0)
+        timeout_s = _START_TIMEOUT_S + (_FIRMWARE_TIMEOUT_S if self.options.sitl else 0.0)
         await asyncio.wait({starting, stopping}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
         stopping.cancel()
         if starting.done():
