@@ -55,7 +55,8 @@ def plan_routes(
     demands : mapping of label to TargetDemand
         Targets that need more than one agent, have a rank, or move.
     terrain : Terrain or None
-        Ground that routes keep above; None: the ground is flat. Over terrain targets do not move in a plan.
+        Ground that routes keep above; None: the ground is flat. Over terrain agents are assigned by where
+        targets are now.
     """
     notes: list[PlanNote] = []
     vehicles = [v for v in sorted(agents) if _on_earth(agents[v].east_m, agents[v].north_m)]
