@@ -52,6 +52,8 @@ _LATER_S: Final = 15.0
 """Time in which a climb leads a vehicle a layer away."""
 _ZONE_AHEAD_S: Final = 40.0
 """Time without an incursion for which one that held may fly on: more than that at which it holds."""
+_HOLD_MARGIN: Final = 1.3
+"""Multiple of the minimum distance at which a hold is clear of others: predicted turns are off by 20 m."""
 _RELEASE_MARGIN: Final = 1.5
 """Multiple of the minimum distance at which a vehicle that held may fly on: in wind predictions are off."""
 
@@ -260,8 +262,8 @@ class OrderCheck:
         if any(self._overlapping(hold, others)):
             return False
         paths = own.beside(simulate_flights(others, _AHEAD_S))
-        found = encounters(paths, self._min_m, self._min_height_m, _GROWTH_M / _AHEAD_S)
-        return all(vehicle not in one.vehicles or one.distance_m >= self._min_m for one in found)
+        found = encounters(paths, _HOLD_MARGIN * self._min_m, self._min_height_m, growth_m_s=0.0)
+        return not any(vehicle in one.vehicles for one in found)
 
     def _flights(self, states: Iterable[VehicleState], t_ns: int) -> list[Flight]:
         """Return what other vehicles fly now, and aircraft."""
