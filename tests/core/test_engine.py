@@ -170,7 +170,7 @@ def test_the_pictures_of_a_scan_are_known_before_its_plan_is_made(
     """A plan for hundreds of vehicles takes longer than a picture may be old."""
     engine = Engine(flight.config, SEED)
     told: list[str] = []
-    monkeypatch.setattr("gcs.planning.planner.assign_agents", _told_first(told))
+    monkeypatch.setattr("gcs.planning.team_routes.assign_agents", _told_first(told))
     for event in flight.events:
         for effect in engine.effects(event):
             told += [type(effect).__name__] * isinstance(effect, Picture | Plan)

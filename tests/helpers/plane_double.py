@@ -284,10 +284,11 @@ def upload_task(
     policy=None,
     limits=None,
     kind=UploadTask,
+    from_ground=False,
     **known,
 ):
     """Return a task before its begin; without a policy its flight is unknown."""
-    items = build_items(profile, mission, home)
+    items = build_items(profile, mission, home, from_ground=from_ground)
     state = UploadState.of_mission(mission, items, profile, **known)
     return kind(state, encode, profile, authority or ModeAuthority(), policy or UploadPolicy(), limits)
 

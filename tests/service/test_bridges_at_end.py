@@ -51,16 +51,16 @@ async def fly(bus: Bus, fails_at: int | None) -> AllBridges:
     bridge = BridgeLinks(SETTINGS, session, lease)
     links = AllBridges([bridge], lease)
     service = Service(CONFIG, 1, links, session)
-    step = service.engine.step
+    effects = service.engine.effects
     events: list[Any] = []
 
     def counted(event: Any, *rest: Any) -> Any:
         events.append(event)
         if len(events) == fails_at:
             raise RuntimeError("program error")
-        return step(event, *rest)
+        return effects(event, *rest)
 
-    service.engine.step = counted  # type: ignore[method-assign]
+    service.engine.effects = counted  # type: ignore[method-assign]
     stop = asyncio.Event()
     asyncio.get_running_loop().call_later(1.0, stop.set)
     try:

@@ -82,14 +82,14 @@ def test_a_journal_whose_error_shows_in_flight_ends_neither_service_nor_heartbea
     state = Engine(service.config, 1).state
     state.measured_t_ns = 77
     service.resume(Snapshot(clock.now_ns() - 10**9, encode_state(state)), state)
-    step = service.engine.step
+    effects = service.engine.effects
 
     def failing(event, frames=None):
         if isinstance(event, Tick) and service.engine.state.measured_t_ns == 77:
             raise KeyError(77)
-        return step(event, frames)
+        return effects(event, frames)
 
-    monkeypatch.setattr(service.engine, "step", failing)
+    monkeypatch.setattr(service.engine, "effects", failing)
     service.sinks.append(sink)
     serve(service, clock, 2.0)
     (alarm,) = [one for one in sink.effects if isinstance(one, Notice) and one.level == "alarm"]
@@ -103,7 +103,7 @@ def test_a_program_error_without_a_journal_still_ends_the_run(service, monkeypat
     def failing(_event, _frames=None):
         raise KeyError(77)
 
-    monkeypatch.setattr(service.engine, "step", failing)
+    monkeypatch.setattr(service.engine, "effects", failing)
     with pytest.raises(ExceptionGroup):
         serve(service, now(), 1.0)
 
