@@ -110,7 +110,7 @@ def test_an_alarm_ends_with_its_condition(cot: CotEvents) -> None:
     (alarm,) = parsed(cot.alarm(down, NOW))
     assert alarm.attrib["type"] == "b-a-o-tbl"
     assert alarm.find("detail/emergency").attrib["type"] == "911 Alert"
-    assert alarm.find("detail/remarks").text == "agent 1: link down: not heard for 5.1 s"
+    assert alarm.find("detail/remarks").text == f"agent 1: {down.text}"
     point = alarm.find("point").attrib
     place = FRAME.local.to_local(float(point["lat"]), float(point["lon"]))
     assert place == pytest.approx((300.0, 900.0), abs=0.02)

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 import gcs
 from gcs.cli import app
+from gcs.model import NoticeCode
 
 MISSION = """name = "tiny"
 [frame]
@@ -110,20 +111,24 @@ def test_unreachable_agents_stay_without_a_route_with_a_note(tiny):
     assert code == 1
     assert found["routes"] == []
     assert (found["unassigned_agents"], found["unassigned_targets"]) == ([1], [[0, 0]])
-    assert found["notes"] == ["agent 1: no path to any target", "target T0.0: no path from any agent"]
+    assert found["notes"] == [
+        f"agent 1: {NoticeCode.NO_PATH_TO_TARGETS.text}",
+        NoticeCode.NO_PATH_FROM_AGENTS.text.format(target="T0.0"),
+    ]
 
 
 def test_a_start_inside_an_obstacle_is_left_with_a_note(tiny):
     code, found, _ = plan(tiny, "--agents", "4,6", "--targets", "8,6")
     assert code == 0
-    assert found["notes"][0].startswith("agent 1: inside an obstacle; leaves it by (")
+    left = NoticeCode.INSIDE_OBSTACLE.text.partition("{")[0]
+    assert found["notes"][0].startswith(f"agent 1: {left}")
 
 
 @pytest.mark.parametrize("places", [[], ["--agents", "1,0"]])
 def test_a_plan_without_targets_is_reported_as_a_failure(tiny, places):
     code, found, _ = plan(tiny, *places)
     assert code == 1
-    assert found["notes"] == ["no targets"]
+    assert found["notes"] == [NoticeCode.NO_TARGETS.text]
 
 
 @pytest.mark.parametrize(
