@@ -175,8 +175,11 @@ class Avoidances:
         """Return True if one of an encounter can hold clear of all others now, and none a little later."""
         ours = [vehicle for vehicle in encounter.vehicles if vehicle in self._agents]
         may_hold = [vehicle for vehicle in ours if self._may_hold(vehicle)]
+        flights = self._order_check.predict(t_ns)
         clear = self._order_check.holds_clear
-        return any(clear(v, t_ns) for v in may_hold) and not any(clear(v, t_ns, _SOON_S) for v in may_hold)
+        return any(clear(v, flights) for v in may_hold) and not any(
+            clear(v, flights, _SOON_S) for v in may_hold
+        )
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle."""

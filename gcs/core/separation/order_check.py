@@ -247,21 +247,32 @@ class OrderCheck:
         present = self.intents.flight(state, t_ns)
         return self._nearness(held, others) - self._nearness(present, others)
 
-    def holds_clear(self, vehicle: int, t_ns: int, after_s: float = 0.0) -> bool:
+    def holds_clear(self, vehicle: int, flights: PredictedFlights, after_s: float = 0.0) -> bool:
         """Return True if a hold that begins after some time is in the flight band and clear of all others."""
-        states = {state.system_id: state for state in self.intents.flying(t_ns)}
-        state = states.pop(vehicle, None)
+        state = flights.states.get(vehicle)
         if state is None:
             return False
-        before = simulate_flights([self.intents.flight(state, t_ns)], after_s)
-        hold = self.intents.flight(_at_end(before, state, t_ns) if after_s else state, t_ns, LOITER)
+        t_ns = flights.t_ns
+        before = simulate_flights([flights.of(vehicle)], after_s)
+        hold = (
+            self.intents.flight(_at_end(before, state, t_ns), t_ns, LOITER)
+            if after_s
+            else flights.of(vehicle, LOITER)
+        )
         if max(self._departures_m(hold)) > _OFF_BAND_M:
             return False
-        own = before.joined(simulate_flights([hold], _AHEAD_S - after_s))
-        others = self._flights(states.values(), t_ns)
+        others = [*flights.others(vehicle, {}), *self._air_traffic.flights(t_ns)]
         if any(self._overlapping(hold, others)):
             return False
-        paths = own.beside(simulate_flights(others, _AHEAD_S))
+        reach_m = self.intents.reach_m(state, _AHEAD_S) + _HOLD_MARGIN * self._min_m
+        place_m = (state.east_m, state.north_m)
+        near = [
+            one
+            for one in others
+            if math.dist(place_m, (one.east_m, one.north_m)) <= reach_m + one.reach_m(_AHEAD_S)
+        ]
+        own = before.joined(simulate_flights([hold], _AHEAD_S - after_s))
+        paths = own.beside(simulate_flights(near, _AHEAD_S))
         found = encounters(paths, _HOLD_MARGIN * self._min_m, self._min_height_m, growth_m_s=0.0)
         return not any(vehicle in one.vehicles for one in found)
 
