@@ -21,14 +21,20 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from stonesoup.base import Property
-from stonesoup.models.measurement import MeasurementModel
-from stonesoup.models.measurement.nonlinear import NonLinearGaussianMeasurement
-from stonesoup.tracker.base import Tracker
-from stonesoup.types.detection import Detection
-from stonesoup.types.groundtruth import GroundTruthPath, GroundTruthState
-from stonesoup.types.state import GaussianState
-from stonesoup.types.track import Track
+
+try:
+    from stonesoup.base import Property
+    from stonesoup.models.measurement import MeasurementModel
+    from stonesoup.models.measurement.nonlinear import NonLinearGaussianMeasurement
+    from stonesoup.tracker.base import Tracker
+    from stonesoup.types.detection import Detection
+    from stonesoup.types.groundtruth import GroundTruthPath, GroundTruthState
+    from stonesoup.types.state import GaussianState
+    from stonesoup.types.track import Track
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(
+        "Stone Soup is not installed: pip install 'swarm-gcs[stonesoup]'", name=error.name
+    ) from error
 
 from gcs.model import FloatArray, Label, Sensor
 from gcs.tracking.batch import AnySensor, BatchTracker, SensorScan, TrackSet
