@@ -155,7 +155,7 @@ class Stages:
             self.fleet,
             agents,
             self.tasking,
-            self.replanner.layers,
+            self.replanner,
             self.return_routes,
             order_check,
         )

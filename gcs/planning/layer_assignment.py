@@ -1,9 +1,9 @@
 """Altitude layers: which route flies in which, and when two in one layer are too near in time.
 
 Vehicles in different layers are separated by altitude. Within a layer they are separated in time, from the
-predicted positions along their routes. A vehicle shares a layer only if no layer is free. A vehicle that
-flies its route already keeps its layer, since another altitude means another mission. After the end of its
-route a vehicle is assumed to stay there.
+predicted positions along their routes, in the wind that each reports. A vehicle shares a layer only if no
+layer is free. A vehicle that flies its route already keeps its layer, since another altitude means another
+mission. After the end of its route a vehicle is assumed to stay there.
 
 Over terrain routes have heights, and a layer is a share of the flight band. Where the ground bends more than
 a vehicle can climb, the heights of two layers come together. So two flights with heights are separated by
@@ -20,9 +20,11 @@ import numpy as np
 
 from gcs.jit import Call, int64, kernel
 from gcs.model import BoolArray, FloatArray, IntArray
+from gcs.planning.map.grid import Point
 
 _STEP_S = 1.0
 _MAX_HORIZON_S = 900.0
+_MIN_GROUND_SPEED_M_S = 1.0
 _ANY = -1
 """Layer of a vehicle that may get any."""
 _ROUNDING_M = 1e-6
@@ -47,6 +49,8 @@ class PlannedFlight:
     """(k,), heights of the points; None: that of its layer."""
     end_radius_m: float = 0.0
     """Radius of the circle round its last point that it flies from there on."""
+    wind_m_s: Point = (0.0, 0.0)
+    """East and north, as the vehicle reports it; `speed_m_s` is the airspeed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +142,7 @@ def _positions(flights: Sequence[PlannedFlight]) -> FloatArray:
 
     The third is the height, NaN where a flight has none; the last is the radius of a circle round the place.
     """
-    along_m = [np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(f.points_m, axis=0).T)))) for f in flights]
+    along_m = [np.concatenate(([0.0], np.cumsum(_lengths_in_air_m(flight)))) for flight in flights]
     longest_s = max(
         distances_m[-1] / flight.speed_m_s for distances_m, flight in zip(along_m, flights, strict=True)
     )
@@ -153,6 +157,19 @@ def _positions(flights: Sequence[PlannedFlight]) -> FloatArray:
         has_ended = flown_m >= distances_m[-1]
         places[i, :, 3] = np.where(has_ended, max(flight.radius_m, flight.end_radius_m), flight.radius_m)
     return places
+
+
+def _lengths_in_air_m(flight: PlannedFlight) -> FloatArray:
+    """Return the distances that a vehicle flies through the air on its legs, (k - 1,)."""
+    legs_m = np.diff(flight.points_m, axis=0)
+    lengths_m: FloatArray = np.hypot(*legs_m.T)
+    if flight.wind_m_s == (0.0, 0.0):
+        return lengths_m
+    wind_m_s = np.array(flight.wind_m_s)
+    along_m_s = legs_m @ wind_m_s / np.maximum(lengths_m, _ROUNDING_M)
+    across2 = np.maximum(wind_m_s @ wind_m_s - along_m_s**2, 0.0)
+    ground_m_s = along_m_s + np.sqrt(np.maximum(flight.speed_m_s**2 - across2, 0.0))
+    return lengths_m * flight.speed_m_s / np.maximum(ground_m_s, _MIN_GROUND_SPEED_M_S)
 
 
 @kernel

@@ -81,7 +81,7 @@ def _apart_over_terrain(
     """Return new routes at heights that separate them, their flights, and the pairs that come near.
 
     Each route in turn gets the first layer, from the preferred one on, in which it is separated from others,
-    or else the one in which it stays farthest from them.
+    or else the one in which it meets one last.
     """
     new: list[Route] = []
     flights: list[PlannedFlight] = []
@@ -97,8 +97,8 @@ def _apart_over_terrain(
                 [*others, flight], inputs.layers, inputs.separation_m, inputs.min_height_m
             )
             near = [one for one in all_near if route.vehicle in one.vehicles]
-            least_m = min((one.distance_m for one in near), default=math.inf)
-            tries.append((least_m, planned, flight, near))
+            first_s = min((one.after_s for one in near), default=math.inf)
+            tries.append((first_s, planned, flight, near))
             if not near:
                 break
         _, planned, flight, near = max(tries, key=lambda one: one[0])
@@ -138,4 +138,5 @@ def _flight(route: Route, inputs: MissionInputs) -> PlannedFlight:
         inputs.preferred_layers[route.vehicle],
         heights_msl_m=heights_m,
         end_radius_m=circle_m,
+        wind_m_s=agent.wind_m_s,
     )

@@ -46,6 +46,8 @@ class AgentState:
     is_unfit: bool = False
     """True if it may keep its target where no other agent can take it, and gets no other."""
     home_m: Point = (0.0, 0.0)
+    wind_m_s: Point = (0.0, 0.0)
+    """East and north, as it reports it: for times along its route."""
     range_m: float = math.inf
     """Distance that its battery lets it fly; its home must be within reach from its target."""
 

@@ -182,3 +182,23 @@ def test_distances_with_steps_left_out_are_those_of_all_steps(seed, has_heights)
     want_m, _ = distances(still, 150.0, 20.0)
     want_m = np.where(meets, np.minimum(want_m, want_m.T), np.inf)
     assert list(min_separation_m(flights, 20.0).values()) == pytest.approx(want_m.min(axis=1).tolist())
+
+
+def test_times_are_those_over_ground_in_the_wind_that_vehicles_report():
+    """Before, times were those in calm air: two met 40 s later than one of them was planned there."""
+    eastwards = flight(1, (120, 1500), (2900, 1500))
+    northwards = flight(2, (1500, 740), (1500, 2900))
+    layers, _ = assign_layers([eastwards, northwards], 2, 60.0)
+    assert layers[1] == layers[2]
+    blown = [replace(one, wind_m_s=(8.0, 0.0)) for one in (eastwards, northwards)]
+    layers, _ = assign_layers(blown, 2, 60.0)
+    assert layers[1] != layers[2]
+    _, (conflict,) = assign_layers(blown, 1, 60.0)
+    assert conflict.after_s == pytest.approx(60.0, abs=4.0)
+
+
+def test_a_vehicle_that_cannot_fly_against_the_wind_counts_as_slow():
+    against = replace(flight(1, (0, 0), (300, 0)), wind_m_s=(-30.0, 0.0))
+    (places,) = layer_assignment._positions([against])
+    assert places[10, 0] == pytest.approx(10.0)
+    assert tuple(places[-1, :2]) == (300.0, 0.0)

@@ -17,7 +17,8 @@ import numpy as np
 
 from gcs.core.airspace.no_fly_zones import MapChange
 from gcs.core.operator.operator_state import OrderInProgress
-from gcs.core.replanning.replanner import Replanner, is_crossed
+from gcs.core.replanning.replanner import Replanner
+from gcs.core.replanning.route_crossing import is_crossed
 from gcs.core.state import Agent, State, with_status
 from gcs.model import Effect, Label, Order, VehicleState, named, read_only, targets_text
 

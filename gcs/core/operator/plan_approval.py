@@ -163,7 +163,7 @@ class PlanApproval:
     def _figures_of(
         self, routes: Sequence[Route], inputs: PlanningInputs, shown: dict[int, RouteFigures]
     ) -> tuple[RouteFigures, ...]:
-        delays_s = {vehicle: self._replanner.delivery_s(vehicle, inputs) for vehicle in inputs.agents}
+        delays_s = {vehicle: self._replanner.starts.delivery_s(vehicle, inputs) for vehicle in inputs.agents}
         apart_m = self._replanner.separation_m(inputs)
         short = {v for v, agent in self._agents.items() if agent.routes.is_short}
         return self._figures.of(routes, shown, self._zones.grid, inputs, delays_s, apart_m, short)

@@ -12,6 +12,7 @@ from gcs.config import Config
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.plan_targets import place_of
 from gcs.core.replanning.replanning_state import OtherVehicle, ReplanningState
+from gcs.core.separation.forward_flight import plausible_wind_m_s
 from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import flown_points
 from gcs.model import FloatArray, Route, VehicleState
@@ -116,6 +117,14 @@ class AltitudeLayers:
         met = set[int]().union(*(pair & ours for pair in pairs if len(pair & ours) == 1))
         return {vehicle for vehicle in met if self._is_apart_elsewhere(vehicle, flights)}
 
+    def first_met(self, routes: Sequence[Route], inputs: PlanningInputs) -> dict[int, float]:
+        """Return when vehicles soon meet others at one height, in seconds, the first first."""
+        conflicts = self._conflicts(self.flights(routes, (), inputs))
+        ours = {route.vehicle for route in routes}
+        soon = sorted((one for one in conflicts if one.after_s <= _SOON_S), key=lambda one: -one.after_s)
+        met = {v: one.after_s for one in soon for v in one.vehicles if v in ours}
+        return dict(sorted(met.items(), key=lambda one: (one[1], -one[0])))
+
     def _conflicts(self, flights: Sequence[PlannedFlight]) -> tuple[Conflict, ...]:
         mission = self._mission
         return assign_layers(flights, mission.layers, mission.separation_m, mission.min_height_m)[1]
@@ -163,7 +172,26 @@ class AltitudeLayers:
         """Return a flight that keeps its layer."""
         speed_m_s = self._mission.agents[one.vehicle].speed_m_s
         circle_m = 0.0 if heights_m is None else self._radii_m[one.vehicle]
-        return PlannedFlight(one.vehicle, points_m, speed_m_s, layer, True, radius_m, heights_m, circle_m)
+        return PlannedFlight(
+            one.vehicle,
+            points_m,
+            speed_m_s,
+            layer,
+            keeps_layer=True,
+            radius_m=radius_m,
+            heights_msl_m=heights_m,
+            end_radius_m=circle_m,
+            wind_m_s=self.wind_m_s(one.vehicle),
+        )
+
+    def wind_m_s(self, vehicle: int) -> Point:
+        """Return the wind that a vehicle reports, east and north."""
+        agent = self._agents[vehicle]
+        state = agent.perception.motion.state
+        if state is None:
+            return 0.0, 0.0
+        cruise_m_s = self._mission.agents[vehicle].speed_m_s
+        return plausible_wind_m_s(agent.link.wind_m_s, state.ground_speed_m_s, state.course_rad, cruise_m_s)
 
     def _heights_msl_m(self, route: Route, begins: int, passed: int = 0) -> FloatArray | None:
         """Return the heights of the rest of a route over terrain, and its vehicle's height before it."""

@@ -33,6 +33,11 @@ def of_agent(cause: Cause, vehicle: int, what: str) -> Reason:
     return Reason(cause, f"agent {vehicle_name(vehicle)} {what}")
 
 
+def occupied(vehicle: int) -> Reason:
+    """Return that a vehicle needs another altitude layer."""
+    return of_agent("layer occupied", vehicle, "would meet another vehicle in its altitude layer")
+
+
 def of_target(cause: Cause, target: Label, what: str) -> Reason:
     """Return a trigger about a target."""
     return Reason(cause, f"target {target_name(target)} {what}")

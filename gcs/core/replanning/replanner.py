@@ -12,49 +12,34 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import pairwise
-
-import numpy as np
 
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import MapChange, NoFlyZones
-from gcs.core.airspace.obstacle_map import LowFlight
 from gcs.core.replanning import reasons
 from gcs.core.replanning.inputs import PlanningInputs
-from gcs.core.replanning.mission_inputs import mission_inputs, terrain_of
-from gcs.core.replanning.plan_targets import PlanTargets, vehicle_options
-from gcs.core.replanning.planned_flights import AltitudeLayers, begin_m
+from gcs.core.replanning.kept_routes import KeptRoutes
 from gcs.core.replanning.reasons import Reason
 from gcs.core.replanning.replanning_state import ReplanningState
+from gcs.core.replanning.route_crossing import leads_through
+from gcs.core.replanning.route_starts import RouteStarts
 from gcs.core.replanning.triggers import Triggers
 from gcs.core.state import Agent, flown_routes
 from gcs.core.tasking.mission_builder import flown_points
-from gcs.core.tasking.upload_latency import DELIVERY_S
-from gcs.mavlink.mission.upload_limits import UploadLimits
-from gcs.model import NS_PER_S, FloatArray, Label, NoticeCode, Plan, Route, VehicleState
-from gcs.planning.forward_simulation import Motion, predict_motion
-from gcs.planning.map.grid import Grid, Point
-from gcs.planning.map.line_of_sight import line_of_sight
+from gcs.model import NS_PER_S, Label, NoticeCode, Plan, Route, VehicleState
 from gcs.planning.plan_notes import PlanNote
 from gcs.planning.plan_result import Choice, PlanResult, choose_new
 from gcs.planning.planner import plan_mission
-from gcs.planning.planner_inputs import AgentState, MissionInputs
-from gcs.planning.route_joining import total_turn_rad
 
 _FIRST_PLAN_WAIT_S = 5.0
-_SAME_PLACE_M = 1.0
-_NEAR_END_M = 100.0
-_MAX_TURN_NEAR_END_RAD = math.radians(270.0)
-"""Turns beyond which a vehicle near its target, or near the end of its route, keeps the route it flies."""
-_LOW_M = 10.0
-"""Height below the lowest layer from which a vehicle counts as below the layers."""
-_CLIMB_SLOPE = 0.1
-"""Slope at which a vehicle below the layers climbs at least."""
-_LOOP_RADII = 4.0
-"""Extent of a loop's waypoints, in turn radii."""
+_LAYER_PERIOD_NS = 15 * NS_PER_S
+"""Time between two searches for another layer for one vehicle."""
+_MAX_LAYER_TRIES = 3
+"""Number of vehicles for which one is looked for at a check."""
+_LAYER_GAIN_S = 20.0
+"""Time by which a route in another layer must meet another vehicle later."""
 
 
 class Replanner:
@@ -63,19 +48,16 @@ class Replanner:
     def __init__(
         self, config: Config, zones: NoFlyZones, agents: Mapping[int, Agent], state: ReplanningState
     ) -> None:
-        self._zones = zones
         self._agents = agents
         self._state = state
-        self._config = config
         self._planning = config.planning
-        self._mission = mission_inputs(config, zones.obstacles)
-        self.plan_targets = PlanTargets(config)
-        self.layers = AltitudeLayers(config, self._mission, agents, state)
-        self._turn_lags_s = {v: one.turn_lag_s for v, one in vehicle_options(config).items()}
-        self._lag_s = min(self._turn_lags_s.values())
-        self._ahead_s = DELIVERY_S + 0.5 * self._lag_s
+        self.starts = RouteStarts(config, zones, agents, state)
+        self._mission = self.starts.mission
+        self.plan_targets = self.starts.plan_targets
+        self.layers = self.starts.layers
         self._period_ns = int(config.planning.period_s * NS_PER_S)
         self._triggers = Triggers(config, self.plan_targets, self.layers, zones, agents, state)
+        self._kept = KeptRoutes(self._mission, self.layers, self._triggers, agents)
 
     def taken_up(self, t_ns: int, picture_t_ns: int) -> list[Plan]:
         """Return the plan that goes on after a restart; empty if none has been made.
@@ -193,6 +175,8 @@ class Replanner:
         changes = self._triggers.changes(inputs)
         improvements = self._triggers.improvements(inputs, is_regular=regular)
         why = [*changes, *improvements]
+        if not why and regular:
+            return self._lead_apart(inputs)
         if not why or (urgent_only and not any(reason.cause in reasons.URGENT for reason in why)):
             return None
         plan = self._plan(inputs, why)
@@ -236,15 +220,53 @@ class Replanner:
         why = reasons.of_agent("upload waited", vehicle, "gets its mission later than planned")
         return self._flown_plan(inputs.t_ns, inputs.picture_t_ns, why, (vehicle,))
 
+    def change_layer(self, route: Route, t_ns: int) -> Plan:
+        """Make another route of a vehicle to the same target the flown one; return the plan of all."""
+        routes = self._agents[route.vehicle].routes
+        routes.adopt(route)
+        routes.latest = route
+        routes.made_t_ns = t_ns
+        return self._flown_plan(t_ns, t_ns, reasons.occupied(route.vehicle), (route.vehicle,))
+
+    def _lead_apart(self, inputs: PlanningInputs) -> Plan | None:
+        """Lead a vehicle that soon meets another one over terrain to its target at other heights, if it can.
+
+        Of these, that which was not tried for longest.
+        """
+        if self._mission.terrain is None or self._planning.retask != "auto":
+            return None
+        tries = 0
+        for vehicle, after_s in self._triggers.meeting(inputs):
+            routes = self._agents[vehicle].routes
+            if routes.flown is None or inputs.t_ns - routes.layer_t_ns < _LAYER_PERIOD_NS:
+                continue
+            routes.layer_t_ns = inputs.t_ns
+            made = self._made_again({vehicle: routes.flown.target}, inputs)
+            first_s = min((one.after_s for one in made.conflicts), default=math.inf)
+            if vehicle in made.paths_m and first_s > after_s + _LAYER_GAIN_S:
+                self._note_made(made, inputs.t_ns)
+                (routes.flown,) = (route for route in made.routes if route.vehicle == vehicle)
+                why = reasons.occupied(vehicle)
+                return self._flown_plan(inputs.t_ns, inputs.picture_t_ns, why, (vehicle,))
+            tries += 1
+            if tries == _MAX_LAYER_TRIES:
+                break
+        return None
+
     def _renewed(self, assignment: Mapping[int, Label], inputs: PlanningInputs) -> dict[int, Route]:
         """Return routes from the current positions of vehicles to the same targets."""
+        made = self._note_made(self._made_again(assignment, inputs), inputs.t_ns)
+        return {route.vehicle: route for route in made.routes if route.vehicle in made.paths_m}
+
+    def _made_again(self, assignment: Mapping[int, Label], inputs: PlanningInputs) -> PlanResult:
+        """Plan from the current positions of vehicles to the same targets."""
         self._state.other_vehicles = inputs.other_vehicles
         there = {
             vehicle: label
             for vehicle, label in assignment.items()
             if vehicle in inputs.agents and label in inputs.targets
         }
-        mission = self._mission_inputs(there, set(there.values()), there, inputs, fixed=True)
+        mission = self.starts.mission_inputs(there, set(there.values()), there, inputs, fixed=True)
 
         def choose(result: PlanResult) -> Choice:
             new = [route for route in choose_new(result).new if route.target == there[route.vehicle]]
@@ -252,8 +274,7 @@ class Replanner:
             kept = [r for v, r in self._triggers.newest.items() if v in inputs.agents and v not in routed]
             return Choice(new, kept, self.layers.flights(kept, new, inputs))
 
-        made = self._note_made(plan_mission(mission, choose), inputs.t_ns)
-        return {route.vehicle: route for route in made.routes if route.vehicle in made.paths_m}
+        return plan_mission(mission, choose)
 
     def _note_made(self, made: PlanResult, t_ns: int) -> PlanResult:
         """Note the routes of a plan, and which are new."""
@@ -295,16 +316,16 @@ class Replanner:
         free = [vehicle for vehicle in inputs.agents if vehicle not in keeping]
         open_targets = [label for label in inputs.targets if label not in kept_targets]
         pursued = {v: route.target for v, route in self._triggers.newest.items() if v not in keeping}
-        mission = self._mission_inputs(free, open_targets, pursued, replace(inputs, at_targets=there))
+        mission = self.starts.mission_inputs(free, open_targets, pursued, replace(inputs, at_targets=there))
         self._triggers.note_planned(inputs.agents, inputs.targets)
         occupied = self._triggers.in_occupied_layers(inputs)
-        settled = self._settled(mission, occupied, inputs)
+        settled = self._kept.settled(mission, occupied, inputs)
         starts = {
             vehicle: replace(mission.agents[vehicle], settled=route.target)
             for vehicle, route in settled.items()
         }
         mission = replace(mission, agents={**mission.agents, **starts})
-        choose = partial(self._choose, mission.agents, arriving, settled, occupied, inputs)
+        choose = partial(self._kept.choose, mission.agents, arriving, settled, occupied, inputs)
         result = self._note_made(plan_mission(mission, choose), inputs.t_ns)
         pairs = [conflict.vehicles for conflict in result.conflicts]  # distances would be news at every check
         near = [PlanNote(NoticeCode.NO_LAYER_LEFT, None, {"vehicles": pair}) for pair in pairs]
@@ -326,164 +347,6 @@ class Replanner:
             causes=tuple(dict.fromkeys(reason.cause for reason in why)),
         )
 
-    def _choose(
-        self,
-        starts: Mapping[int, AgentState],
-        arriving: Sequence[Route],
-        settled: Mapping[int, Route],
-        occupied: Container[int],
-        inputs: PlanningInputs,
-        result: PlanResult,
-    ) -> Choice:
-        """Choose between new routes and those that vehicles have."""
-        kept = [*arriving, *(settled[vehicle] for vehicle in sorted(result.settled))]
-        kept += self._without_end(result, inputs)
-        new: list[Route] = []
-        for route, changed in zip(result.routes, choose_new(result).new, strict=True):
-            current = self._agents[route.vehicle].routes
-            is_flyable = not current.is_blocked and route.vehicle not in occupied
-            turns_back = self._turns_back(changed, starts[route.vehicle], inputs)
-            # A route that waits for approval stays as long as it is good.
-            good = [
-                one
-                for one in (current.proposed, current.flown if is_flyable else None)
-                if one is not None
-                and self._is_still_good(one, route, inputs, route.vehicle in result.stops_short, turns_back)
-            ]
-            kept += good[:1]
-            new += [] if good else [changed]
-        return Choice(new, kept, self.layers.flights(kept, new, inputs))
-
-    def _settled(
-        self, mission: MissionInputs, occupied: Container[int], inputs: PlanningInputs
-    ) -> dict[int, Route]:
-        """Return the routes that vehicles keep if they keep their targets, whatever new ones would be.
-
-        They are those that `_is_still_good` accepts for any other route.
-        """
-        triggers = self._triggers
-        found: dict[int, Route] = {}
-        for vehicle in mission.agents:
-            routes = self._agents[vehicle].routes
-            is_flyable = not routes.is_blocked and vehicle not in occupied
-            route = routes.flown if routes.proposed is None and is_flyable else routes.proposed
-            if (
-                route is not None
-                and route.target in mission.targets
-                and self._is_near_enough(vehicle, route, inputs)
-                and not triggers.has_passed_target(vehicle, inputs)
-                and not triggers.is_endangered(vehicle, inputs)
-            ):
-                found[vehicle] = route
-        return found
-
-    def _is_near_enough(self, vehicle: int, route: Route, inputs: PlanningInputs) -> bool:
-        """Return True if a route ends near enough to its target, or is too new to be changed."""
-        triggers = self._triggers
-        return not triggers.is_settled(vehicle, inputs) or triggers.is_within_tolerance(
-            vehicle, route, inputs
-        )
-
-    def _without_end(self, result: PlanResult, inputs: PlanningInputs) -> list[Route]:
-        """Return the flown routes to targets where no new route has a clear end: they are kept."""
-        flown = {vehicle: self._agents[vehicle].routes for vehicle in sorted(result.endless)}
-        return [
-            routes.flown
-            for vehicle, routes in flown.items()
-            if routes.flown is not None
-            and routes.flown.target in inputs.targets
-            and not routes.is_blocked
-            and not self._triggers.is_endangered(vehicle, inputs)
-        ]
-
-    def _mission_inputs(
-        self,
-        vehicles: Iterable[int],
-        labels: Iterable[Label],
-        flown: Mapping[int, Label],
-        inputs: PlanningInputs,
-        *,
-        fixed: bool = False,
-    ) -> MissionInputs:
-        """Return the planner's inputs for some agents and targets; `fixed`: agents keep those in `flown`."""
-        agents = {vehicle: self._start(vehicle, inputs) for vehicle in vehicles}
-        targets = {label: inputs.targets[label] for label in labels}
-        counts = Counter(flown.values())
-        demands = {
-            label: self.plan_targets.demand(
-                label, track, inputs.at_targets.get(label, 0), inputs.priorities.get(label)
-            )
-            for label, track in targets.items()
-        }
-        pinned = flown if fixed else {vehicle: self._agents[vehicle].orders.pinned for vehicle in agents}
-        agents = {vehicle: replace(agent, pinned=pinned.get(vehicle)) for vehicle, agent in agents.items()}
-        if fixed:
-            demands = {label: replace(one, agents=counts[label]) for label, one in demands.items()}
-        ahead_s = (inputs.t_ns - inputs.picture_t_ns) / NS_PER_S + self._ahead_s  # begin of the routes
-        return replace(
-            self._mission,
-            grid=self._zones.obstacles.below_layers(self._low_flights(agents, inputs)),
-            agents=agents,
-            targets={label: self.plan_targets.position(track, ahead_s) for label, track in targets.items()},
-            preferred_layers={vehicle: self.layers.of(vehicle) for vehicle in agents},
-            begins_m={vehicle: begin_m(vehicle, inputs) for vehicle in agents},
-            flown_to=flown,
-            demands=demands,
-            terrain=terrain_of(self._config, self._zones.obstacles),
-        )
-
-    def _low_flights(self, vehicles: Iterable[int], inputs: PlanningInputs) -> Iterator[LowFlight]:
-        """Yield the climbs of vehicles that are below the layers in flight."""
-        layers = self._zones.obstacles.layers
-        for vehicle in vehicles:
-            state = self._agents[vehicle].perception.motion.state
-            if state is None or vehicle in inputs.climbs or vehicle in inputs.grounded:
-                continue
-            height_m = state.alt_msl_m - layers.ground_msl_m
-            if height_m < layers.lowest_m - _LOW_M:
-                yield LowFlight((state.east_m, state.north_m), 0.0, height_m, _CLIMB_SLOPE)
-
-    def _start(self, vehicle: int, inputs: PlanningInputs) -> AgentState:
-        """Return where and how an agent begins a route that is planned now."""
-        lag_s = self._turn_lags_s[vehicle]
-        turns = self._expected(vehicle, inputs, 0.5 * lag_s)
-        takes_up = self._expected(vehicle, inputs, 0.0)
-        late_s = inputs.late_s.get(vehicle, 0.0) + 0.5 * (lag_s - self._lag_s)
-        if vehicle in inputs.climbs:
-            late_s += inputs.climbs[vehicle].duration_s
-        home_m, range_m = inputs.ranges.get(vehicle, ((0.0, 0.0), math.inf))
-        east_m, north_m = turns.place_m
-        return replace(
-            self._mission.agents[vehicle],
-            east_m=east_m,
-            north_m=north_m,
-            course_rad=turns.course_rad,
-            start_delay_s=late_s,
-            motion=takes_up,
-            height_msl_m=inputs.heights_msl_m.get(vehicle, self._mission.agents[vehicle].height_msl_m),
-            climbs_first=vehicle in inputs.climbing_first and vehicle not in inputs.climbs,
-            is_grounded=vehicle in inputs.grounded,
-            is_unfit=vehicle in inputs.unfit,
-            is_doubtful=vehicle in inputs.doubtful,
-            home_m=home_m,
-            range_m=range_m,
-        )
-
-    def _expected(self, vehicle: int, inputs: PlanningInputs, more_s: float) -> Motion:
-        """Return an agent's motion `more_s` after it got a route that is planned now, or after its climb."""
-        lag_s = self._turn_lags_s[vehicle]
-        if vehicle in inputs.climbs:
-            return predict_motion(self._zones.grid, inputs.motion(vehicle), more_s, lag_s)
-        ahead_s = self.delivery_s(vehicle, inputs) + more_s
-        return predict_motion(self._zones.grid, inputs.motion(vehicle), ahead_s, lag_s)
-
-    def delivery_s(self, vehicle: int, inputs: PlanningInputs) -> float:
-        """Return the time until an agent in flight gets a route that is planned now."""
-        ahead = inputs.motion(vehicle).ahead
-        late_s = inputs.late_s.get(vehicle, 0.0)
-        until_hold_s = max(0.0, ahead.next_s - UploadLimits().guard_s)
-        return DELIVERY_S + ahead.wait_s + min(late_s, until_hold_s)
-
     def _decide(self, kept: Iterable[Route], inputs: PlanningInputs) -> None:
         """Make the routes of a plan the flown ones, or propose those that differ."""
         planned = {route.vehicle: route for route in kept}
@@ -499,74 +362,3 @@ class Replanner:
                 routes.declined = None
             if routes.flown is None or routes.flown.target not in inputs.targets:
                 routes.drop_flown()
-
-    def _is_still_good(
-        self, flown: Route, new: Route, inputs: PlanningInputs, short: bool, turns_back: bool
-    ) -> bool:
-        """Return True if a vehicle should keep its route.
-
-        `short`: the new one ends before its target. `turns_back`: it makes a full turn near its end.
-        """
-        vehicle = new.vehicle
-        triggers = self._triggers
-        if flown.target != new.target or triggers.is_endangered(vehicle, inputs):
-            return False
-        if short or turns_back:
-            return True
-        if triggers.has_passed_target(vehicle, inputs):
-            return False
-        if math.dist(new.target_point_m, flown.target_point_m) < _SAME_PLACE_M:
-            return True
-        return self._is_near_enough(vehicle, flown, inputs)
-
-    def _turns_back(self, new: Route, start: AgentState, inputs: PlanningInputs) -> bool:
-        """Return True if a vehicle near its target, or near the end of its route, would make a full turn."""
-        newest = self._agents[new.vehicle].routes.newest
-        agent = inputs.agents[new.vehicle]
-        if newest is None or new.vehicle in inputs.passed:
-            return False
-        to_target_m = _distance_m(agent.mean, inputs.targets[new.target].mean)
-        if min(to_target_m, _distance_m(agent.mean, newest.target_point_m)) > _NEAR_END_M:
-            return False
-        options = self._mission.agents[new.vehicle].options or self._mission.options
-        loop_m = _LOOP_RADII * options.turn_radius_m
-        return total_turn_rad(start, new.points_m, _NEAR_END_M + loop_m) > _MAX_TURN_NEAR_END_RAD
-
-
-def is_crossed(closed: Grid, route_m: FloatArray, place: Point | None, passed: int = 0) -> bool:
-    """Return True if the rest of a route leads through closed cells.
-
-    Parameters
-    ----------
-    route_m : ndarray, shape (k, 2)
-        East and north of the route.
-    place : tuple of float or None
-        Position of its vehicle; None: the whole route is left.
-    passed : int
-        Number of points that the vehicle has passed.
-    """
-    points = [(east_m, north_m) for east_m, north_m in rest_of(route_m, place, passed).tolist()]
-    if len(points) == 1:
-        points *= 2
-    return not all(line_of_sight(closed, a, b) for a, b in pairwise(points))
-
-
-def leads_through(change: MapChange, route: Route, state: VehicleState | None, passed: int) -> bool:
-    """Return True if the rest of a route leads through what is newly blocked."""
-    place = None if state is None else (state.east_m, state.north_m)
-    if is_crossed(change.layers, route.flown_m, place, passed):
-        return True
-    if route.heights_msl_m is None:
-        return False
-    path_m = np.column_stack((route.flown_m, route.heights_msl_m))
-    begin = None if state is None else (state.east_m, state.north_m, state.alt_msl_m)
-    return change.is_crossed(rest_of(path_m, begin, passed))
-
-
-def rest_of(path_m: FloatArray, begin: Sequence[float] | None, passed: int) -> FloatArray:
-    """Return a path from where its vehicle is, without the points that it has passed."""
-    return path_m if begin is None else np.vstack((begin, path_m[min(passed, len(path_m) - 1) :]))
-
-
-def _distance_m(a: FloatArray, b: FloatArray | Point) -> float:
-    return math.hypot(float(a[0]) - float(b[0]), float(a[1]) - float(b[1]))

@@ -42,6 +42,8 @@ class AgentRoutes:
     """Last route that got an altitude layer; it stays when the route is dropped."""
     made_t_ns: int = 0
     """Time at which the newest route was planned."""
+    layer_t_ns: int = 0
+    """Time of the last search for another altitude layer."""
     is_planned: bool = False
     """True if the last plan was made for the vehicle."""
     is_short: bool = False

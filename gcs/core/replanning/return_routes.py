@@ -17,7 +17,7 @@ from gcs.core.airspace.no_fly_zones import MapChange, NoFlyZones
 from gcs.core.airspace.obstacle_map import LowFlight
 from gcs.core.replanning.mission_inputs import terrain_of
 from gcs.core.replanning.plan_targets import vehicle_options
-from gcs.core.replanning.replanner import is_crossed, rest_of
+from gcs.core.replanning.route_crossing import is_crossed, rest_of
 from gcs.core.separation.landing_order import LandingOrder
 from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import corners_of, is_hold

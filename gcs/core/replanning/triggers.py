@@ -115,10 +115,7 @@ class Triggers:
             for v, route, _ in followed
             if self.has_passed_target(v, inputs)
         ]
-        occupied = [
-            reasons.of_agent("layer occupied", v, "would meet another vehicle in its altitude layer")
-            for v in sorted(self.in_occupied_layers(inputs))
-        ]
+        occupied = [reasons.occupied(v) for v in sorted(self.in_occupied_layers(inputs))]
         return self._idle(inputs) + moved + endangered + passed + occupied
 
     def _idle(self, inputs: PlanningInputs) -> list[Reason]:
@@ -213,12 +210,25 @@ class Triggers:
 
     def in_occupied_layers(self, inputs: PlanningInputs) -> set[int]:
         """Return the agents that will meet, in their layers, vehicles that fly no routes."""
-        routes = [
+        return self._layers.occupied(self._settled(inputs), inputs)
+
+    def meeting(self, inputs: PlanningInputs) -> list[tuple[int, float]]:
+        """Return the agents that soon meet any others at one height, and when, those first that do first."""
+        routes = {v: route for v, route in self.newest.items() if v in inputs.agents}
+        met = self._layers.first_met(list(routes.values()), inputs)
+        settled = {route.vehicle for route in self._settled(inputs)}
+        return [
+            (v, after_s)
+            for v, after_s in met.items()
+            if v in settled and not self.is_arriving(routes[v], inputs)
+        ]
+
+    def _settled(self, inputs: PlanningInputs) -> list[Route]:
+        return [
             route
             for v, route in self.newest.items()
             if v in inputs.agents and self.is_settled(v, inputs) and not self._has_newer(v, inputs)
         ]
-        return self._layers.occupied(routes, inputs)
 
     def _has_newer(self, vehicle: int, inputs: PlanningInputs) -> bool:
         """Return True if a newer route than the flown one is proposed or being uploaded."""

@@ -325,7 +325,7 @@ def test_vehicles_that_keep_their_routes_keep_them_without_new_ones(monkeypatch,
     targets = {label: tuple(rng.uniform(100.0, 1900.0, 2).tolist()) for label in labels}
     desk = Desk(dict(starts), dict(targets))
     plain = Desk(dict(starts), dict(targets))
-    monkeypatch.setattr(plain.replanner, "_settled", lambda *_: {})
+    monkeypatch.setattr(plain.replanner._kept, "settled", lambda *_: {})
     shaped = []
     for t_s in range(0, 60, 5):
         for label in labels:

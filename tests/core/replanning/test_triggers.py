@@ -160,9 +160,9 @@ def test_a_target_over_an_obstacle_does_not_make_a_plan_at_each_check():
 def test_a_target_over_an_obstacle_is_planned_for_once_a_period_and_not_at_every_scan(monkeypatch):
     walls = "[map]\nboxes_m = [[1000.0, 0.0, 2000.0, 700.0]]\n"
     desk = pair(tables=f'{walls}[planning]\nwhen = "events"\n')
-    planned, plan = [], desk.replanner._mission_inputs
+    planned, plan = [], desk.replanner.starts.mission_inputs
     monkeypatch.setattr(
-        desk.replanner, "_mission_inputs", lambda *args, **kw: planned.append(1) or plan(*args, **kw)
+        desk.replanner.starts, "mission_inputs", lambda *args, **kw: planned.append(1) or plan(*args, **kw)
     )
     for second in range(1, 31):
         desk.check(float(second))

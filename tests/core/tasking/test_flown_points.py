@@ -7,7 +7,7 @@ import pytest
 from helpers.fenced_field import WIDE, field
 from helpers.staging import state
 
-from gcs.core.replanning.replanner import is_crossed
+from gcs.core.replanning.route_crossing import is_crossed
 from gcs.core.state import State
 from gcs.core.tasking.mission_builder import flown_points
 from gcs.core.tasking.tasking_state import OnboardMission
