@@ -17,13 +17,14 @@ STATE_SPACE: Final = "gcs.tracking.state_space.filter"
 """Trackers with manoeuvres or models of the user, for `gcs track` and the library only."""
 PLANNING: Final = "gcs.planning.warm_up"
 LINKS: Final = "gcs.mavlink.fleet.fast_telemetry"
+SEPARATION: Final = "gcs.core.separation.forward_flight"
 TERRAIN: Final = "gcs.planning.terrain.warm_up"
 """Routes over terrain, for missions with `[terrain]` only."""
-FLYING: Final = (TRACKING, PLANNING, LINKS)
+FLYING: Final = (TRACKING, PLANNING, LINKS, SEPARATION)
 ALL: Final = (*FLYING, HISTORIES, STATE_SPACE, TERRAIN)
 _NAMES: Final = {
     TRACKING: "trackers", HISTORIES: "trajectories", PLANNING: "planner", LINKS: "links",
-    TERRAIN: "routes over terrain", STATE_SPACE: "trackers with other models",
+    SEPARATION: "separation", TERRAIN: "routes over terrain", STATE_SPACE: "trackers with other models",
 }  # fmt: skip
 
 

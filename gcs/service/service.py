@@ -164,7 +164,7 @@ class Service:
         if resumed is not None:  # before anything else is heard
             self._record(lambda recorder: recorder.record_snapshot(resumed))
             self._put(Resumed(clock.now_ns(), resumed.t_ns))
-        self.links.start(loop, self, lambda vehicle: vehicle in self.engine.state.tasking.stages)
+        self.links.start(loop, self, lambda vehicle: bool(self.engine.state.tasking.stage(vehicle)))
         self._bus.subscribe(
             sensor_scan_keys(self.config.name),
             lambda key, payload: on_loop(loop, self._on_scan, key, payload),

@@ -73,7 +73,7 @@ class DisarmedInAuto:
             return False  # it may have taken off since
         on_ground = is_on_ground(state, self._fleet.home(vehicle))
         stands = not state.armed and state.mode == AUTO and on_ground
-        is_busy = vehicle in self._tasking.state.stages or self._agents[vehicle].orders.command is not None
+        is_busy = bool(self._tasking.state.stage(vehicle)) or self._agents[vehicle].orders.command is not None
         return stands and not is_busy and not self._tasking.may_take_off(vehicle)
 
     def _begin(self, vehicle: int, t_ns: int) -> list[Effect]:

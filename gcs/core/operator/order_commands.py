@@ -102,7 +102,7 @@ class OrderCommands:
         return [self._operator.finish(command.order, t_ns, "failed", reason, vehicle)]
 
     def _suspend(self, vehicle: int, action: str, t_ns: int) -> list[Effect]:
-        self._agents[vehicle].routes.suspend(is_uploaded=vehicle not in self._state.tasking.stages)
+        self._agents[vehicle].routes.suspend(is_uploaded=not self._state.tasking.stage(vehicle))
         return self._tasking.abandon(vehicle, f"given up for an order to {action}", t_ns, MODES[action])
 
     def _give_up_stacked(self, vehicle: int, t_ns: int) -> list[Effect]:
@@ -130,7 +130,7 @@ class OrderCommands:
         is_clear = self._order_check.mission_is_clear(vehicle, t_ns)
         if self._tasking.may_fly(vehicle) and is_clear and self._landing_order.claim(vehicle, t_ns):
             return AUTO
-        if vehicle not in self._state.tasking.stages:
+        if not self._state.tasking.stage(vehicle):
             routes.drop_flown()  # the next plan has another
         return LOITER
 
@@ -150,7 +150,7 @@ class OrderCommands:
             action = command.action
             if action == "resume" and done:
                 detail += "" if self._tasking.may_fly(vehicle) else f": {self._outlook(vehicle)}"
-            elif action == "resume" and vehicle not in self._state.tasking.stages:
+            elif action == "resume" and not self._state.tasking.stage(vehicle):
                 self._agents[vehicle].routes.drop_flown()  # the next plan has another
                 detail += "; it gets a new mission with the next plan"
             result: AnswerState = "done" if done else "failed"

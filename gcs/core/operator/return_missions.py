@@ -49,7 +49,7 @@ class ReturnMissions:
         agent = self._agents[vehicle]
         effects = self._commands.end(vehicle, order.t_ns, REPLACED.format(order.action))
         agent.claims.apply(ControlEvent.RETURN, order.t_ns)
-        agent.routes.suspend(is_uploaded=vehicle not in self._tasking.stages)
+        agent.routes.suspend(is_uploaded=not self._tasking.stage(vehicle))
         state = self._fleet.state(vehicle)
         mode = "" if state is None else state.mode
         agent.orders.wait(number, mode, order.t_ns, uploads_since_t_ns=since_t_ns or order.t_ns)

@@ -104,7 +104,7 @@ class StatusReport:
             to_go_m=rounded(to_go_m, 0),
             points_passed=points_passed,
             eta_s=rounded(eta_s, 0),
-            upload=self.state.tasking.stages.get(vehicle, ""),
+            upload=self.state.tasking.stage(vehicle),
             has_failed=agent.tasking.retry.failures > 0,
             is_verified=agent.tasking.onboard is not None,
             proposed_target=None if proposed is None else proposed.target,

@@ -175,7 +175,7 @@ class Avoidances:
         separation = agent.separation
         tasking = self._tasking.state
         is_late = incursion.after_s <= _LATEST_BEFORE_ZONE_S and not tasking.is_uploading(vehicle)
-        is_due = incursion.after_s > 0.0 and (is_late or vehicle not in tasking.stages)
+        is_due = incursion.after_s > 0.0 and (is_late or not tasking.stage(vehicle))
         may_hold = self._is_enabled and separation.avoidance is None and self._is_interruptible(vehicle)
         leads_round = _flies_wanted(agent) and not agent.routes.is_blocked
         if leads_round or not (is_due and may_hold):
@@ -236,7 +236,7 @@ class Avoidances:
 
     def _may_hold(self, vehicle: int) -> bool:
         """Return True if this service may interrupt the mission that a vehicle flies."""
-        is_settled = vehicle not in self._tasking.state.stages
+        is_settled = not self._tasking.state.stage(vehicle)
         return _flies_wanted(self._agents[vehicle]) and is_settled and self._is_interruptible(vehicle)
 
     def _is_interruptible(self, vehicle: int) -> bool:
@@ -257,7 +257,7 @@ class Avoidances:
         is_held = agent.control.authority in (Authority.OURS, Authority.HELD) and not _is_taken(agent)
         is_waiting = is_held and _wanted(agent) is None
         is_free = agent.orders.command is None and agent.orders.waiting is None
-        is_settled = vehicle not in self._tasking.state.stages and not agent.tasking.is_inconsistent
+        is_settled = not self._tasking.state.stage(vehicle) and not agent.tasking.is_inconsistent
         is_due = is_free and t_ns >= agent.tasking.retry.paused_until_t_ns
         return is_waiting and is_due and is_settled and agent.flight.phase in _HOLDING
 

@@ -25,6 +25,7 @@ from typing import Final
 
 import numpy as np
 
+from gcs.jit import Call, kernel, spliced
 from gcs.model import FloatArray, IntArray
 
 STEP_S: Final = 1.0
@@ -198,7 +199,7 @@ def plausible_wind_m_s(
 def leg_time_s(leg_m: tuple[float, float], airspeed: float, wind_m_s: tuple[float, float]) -> float:
     """Return the time of a straight leg, east and north."""
     along, _ = _over_ground(math.atan2(*leg_m), airspeed, *wind_m_s)
-    return math.hypot(*leg_m) / float(along)
+    return math.hypot(*leg_m) / along
 
 
 def simulate_flights(flights: Sequence[Flight], for_s: float, step_s: float = STEP_S) -> FlightPaths:
@@ -238,110 +239,125 @@ def simulate_flights(flights: Sequence[Flight], for_s: float, step_s: float = ST
     return FlightPaths(tuple(flight.vehicle for flight in flights), *paths)
 
 
+def _over_ground(course: float, airspeed: float, wind_east: float, wind_north: float) -> tuple[float, float]:
+    """Return the speed over ground on a course, and the part of the airspeed along it."""
+    sine = math.sin(course)
+    cosine = math.cos(course)
+    across = wind_east * cosine - wind_north * sine
+    ahead = math.sqrt(max(airspeed * airspeed - across * across, 0.0))
+    along = wind_east * sine + wind_north * cosine
+    return max(along + ahead, _LOW_SPEED_M_S), ahead
+
+
+_over_ground_in_kernel = spliced(_over_ground)
+
+
+@kernel
 def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray, step_s: float) -> None:
-    """Fill (4, k, n) with east, north, lower and upper height."""
-    rows = np.arange(len(last))
-    goal = np.zeros_like(last)
-    columns = state.T.copy()
-    east, north, height, speed, course, climb, turn_rate, max_rate, age, gradient, error_m = columns[:11]
-    wind_east, wind_north, airspeed = columns[11:]
-    is_windy = bool(wind_east.any() or wind_north.any())
-    ahead = np.maximum(speed - wind_east * np.sin(course) - wind_north * np.cos(course), _LOW_SPEED_M_S)
-    lateral = turn_rate * speed / ahead  # by airspeed
-    low = height - error_m
-    high = height + error_m
-    in_air = np.ones(len(last), dtype=bool)
-    circled_s = np.zeros(len(last))
-    rising = np.maximum(climb, gradient * speed)
-    dt = step_s + age  # the first step makes up for the age of the state
-    paths[:, 0] = east + speed * age * np.sin(course), north + speed * age * np.cos(course), low, high
-    closest = np.full(len(last), np.inf)  # to the goal, since it is the goal
-    was_ahead = np.zeros(len(last), dtype=bool)
-    is_new = True
-    is_any_done = False
-    for k in range(1, paths.shape[1]):
-        if is_new or is_any_done:
-            kind, to_east, to_north, radius, to_height, for_s = table[rows, goal].T
-            is_leg = (kind == _WAYPOINT) | (kind == _LAND)
+    """Fill `paths` (4, k, n) with east, north, lower and upper height.
+
+    `table` (n, m, 6): goals with the fields of `Goal`. `last` (n,): number of the last goal. `state` (n, 14).
+    """
+    for i in range(len(last)):
+        east = state[i, 0]
+        north = state[i, 1]
+        height = state[i, 2]
+        speed = state[i, 3]
+        course = state[i, 4]
+        climb = state[i, 5]
+        turn_rate = state[i, 6]
+        max_rate = state[i, 7]
+        age = state[i, 8]
+        wind_east = state[i, 11]
+        wind_north = state[i, 12]
+        airspeed = state[i, 13]
+        is_windy = wind_east != 0.0 or wind_north != 0.0
+        ahead = max(speed - wind_east * math.sin(course) - wind_north * math.cos(course), _LOW_SPEED_M_S)
+        lateral = turn_rate * speed / ahead  # by airspeed
+        low = height - state[i, 10]
+        high = height + state[i, 10]
+        rising = max(climb, state[i, 9] * speed)
+        dt = step_s + age  # the first step makes up for the age of the state
+        paths[0, 0, i] = east + speed * age * math.sin(course)
+        paths[1, 0, i] = north + speed * age * math.cos(course)
+        paths[2, 0, i] = low
+        paths[3, 0, i] = high
+        goal = 0
+        in_air = True
+        circled_s = 0.0
+        closest = np.inf  # to the goal, since it is the goal
+        was_ahead = False
+        for k in range(1, paths.shape[1]):
+            kind = table[i, goal, 0]
+            radius = table[i, goal, 3]
+            to_height = table[i, goal, 4]
+            is_leg = kind in (_WAYPOINT, _LAND)
             is_circle = kind == _CIRCLE
             is_climb = kind == _CLIMB
-            keeps = (kind == _KEEP) | (kind == _DRIFT)
-            circle = np.maximum(np.abs(radius), 1.0)
-            side = np.where(radius < 0.0, -1.0, 1.0)
-            accept = np.maximum(radius, 0.0)
-            is_new = False
-        ahead_east = to_east - east
-        ahead_north = to_north - north
-        away = np.hypot(ahead_east, ahead_north)
-        closest = np.minimum(closest, away)
-        bearing = np.where(away > _AT_CENTRE_M, np.arctan2(ahead_east, ahead_north), course + np.pi)
-        # Round a circle: the tangent, half a step ahead.
-        inwards = np.arctan((away - circle) / (speed * CONVERGENCE_S))
-        lead = 0.5 * speed * dt / np.maximum(away, 0.5 * circle)
-        bearing += is_circle * (np.pi + side * (0.5 * np.pi + inwards + lead))
-        error = (bearing - course + np.pi) % (2.0 * np.pi) - np.pi
-        turned = np.minimum(np.maximum(error, -max_rate * dt), max_rate * dt)
-        turned = np.where(keeps, turn_rate * dt, turned * ~is_climb)
-        course += 0.5 * turned
-        if is_windy:
-            speed, ahead = _over_ground(course, airspeed, wind_east, wind_north)
-            turn_rate = lateral * ahead / speed
-        moved = speed * dt * in_air
-        east += moved * np.sin(course)
-        north += moved * np.cos(course)
-        course += 0.5 * turned
-        # Heights change at once, or evenly up to the goal.
-        change = CLIMB_M_S * dt
-        most = _MAX_CLIMB_M_S * dt
-        on_circle = is_circle & (away <= _ON_CIRCLE * circle)
-        left = np.hypot(to_east - east, to_north - north)
-        share = np.maximum(1.0 - left / np.maximum(closest, 1e-3), 0.0)
-        share = np.where(on_circle, np.minimum(moved / np.maximum(away, 1e-3), 1.0), share)
-        up = to_height - low
-        up_high = to_height - high
-        at_once = np.minimum(np.maximum(up, -change), change)
-        at_once_high = np.minimum(np.maximum(up_high, -change), change)
-        evenly = np.minimum(np.maximum(up * share, -most), most)
-        evenly_high = np.minimum(np.maximum(up_high * share, -most), most)
-        drift = climb * dt * ((k * step_s <= _LEVEL_S) | (kind == _DRIFT))
-        by_goal = is_leg | is_circle
-        low += np.where(by_goal, np.minimum(at_once, evenly), np.minimum(drift, 0.0) * ~is_climb)
-        high += np.where(by_goal, np.maximum(at_once_high, evenly_high), np.maximum(drift, 0.0) * ~is_climb)
-        low += is_climb * (1.0 - _CLIMB_SPREAD) * rising * dt
-        high += is_climb * (1.0 + _CLIMB_SPREAD) * rising * dt
-        high = np.where(is_climb, np.minimum(high, np.maximum(to_height, height)), high)
-        is_done = is_climb & (0.5 * (low + high) >= to_height)
-        is_behind = np.abs(error) > _BEHIND_RAD
-        is_passed = is_behind & was_ahead & (away < 2.0 * speed / max_rate)
-        was_ahead |= ~is_behind
-        is_done |= is_leg & ((away <= accept + moved) | is_passed)
-        circled_s = (circled_s + dt) * on_circle
-        is_done |= is_circle & (circled_s >= for_s)
-        is_any_done = bool(is_done.any())
-        if is_any_done:
-            in_air &= ~(is_done & (kind == _LAND))
-            circled_s[is_done] = 0.0
-            closest[is_done] = np.inf
-            was_ahead[is_done] = False
-            goal = np.where(is_done, np.minimum(goal + 1, last), goal)
-        paths[0, k] = east
-        paths[1, k] = north
-        paths[2, k] = low
-        paths[3, k] = high
-        paths[2:, k, ~in_air] = np.nan
-        dt = step_s
+            circle = max(abs(radius), 1.0)
+            ahead_east = table[i, goal, 1] - east
+            ahead_north = table[i, goal, 2] - north
+            away = math.hypot(ahead_east, ahead_north)
+            closest = min(closest, away)
+            bearing = math.atan2(ahead_east, ahead_north) if away > _AT_CENTRE_M else course + math.pi
+            if is_circle:  # the tangent, half a step ahead
+                side = -1.0 if radius < 0.0 else 1.0
+                inwards = math.atan((away - circle) / (speed * CONVERGENCE_S))
+                lead = 0.5 * speed * dt / max(away, 0.5 * circle)
+                bearing += math.pi + side * (0.5 * math.pi + inwards + lead)
+            error = (bearing - course + math.pi) % (2.0 * math.pi) - math.pi
+            turned = 0.0
+            if is_leg or is_circle:
+                turned = min(max(error, -max_rate * dt), max_rate * dt)
+            elif not is_climb:
+                turned = turn_rate * dt
+            course += 0.5 * turned
+            if is_windy:
+                speed, ahead = _over_ground_in_kernel(course, airspeed, wind_east, wind_north)
+                turn_rate = lateral * ahead / speed
+            moved = speed * dt if in_air else 0.0
+            east += moved * math.sin(course)
+            north += moved * math.cos(course)
+            course += 0.5 * turned
+            on_circle = is_circle and away <= _ON_CIRCLE * circle
+            if is_leg or is_circle:  # heights change at once, or evenly up to the goal
+                left = math.hypot(table[i, goal, 1] - east, table[i, goal, 2] - north)
+                share = max(1.0 - left / max(closest, 1e-3), 0.0)
+                if on_circle:
+                    share = min(moved / max(away, 1e-3), 1.0)
+                change = CLIMB_M_S * dt
+                most = _MAX_CLIMB_M_S * dt
+                up = to_height - low
+                up_high = to_height - high
+                low += min(min(max(up, -change), change), min(max(up * share, -most), most))
+                high += max(min(max(up_high, -change), change), min(max(up_high * share, -most), most))
+            elif is_climb:
+                low += (1.0 - _CLIMB_SPREAD) * rising * dt
+                high = min(high + (1.0 + _CLIMB_SPREAD) * rising * dt, max(to_height, height))
+            elif kind == _DRIFT or k * step_s <= _LEVEL_S:
+                low += min(climb * dt, 0.0)
+                high += max(climb * dt, 0.0)
+            is_ahead = abs(error) <= _BEHIND_RAD
+            is_passed = not is_ahead and was_ahead and away < 2.0 * speed / max_rate
+            was_ahead = was_ahead or is_ahead
+            circled_s = circled_s + dt if on_circle else 0.0
+            if (
+                (is_climb and 0.5 * (low + high) >= to_height)
+                or (is_leg and (away <= max(radius, 0.0) + moved or is_passed))
+                or (is_circle and circled_s >= table[i, goal, 5])
+            ):
+                in_air = in_air and kind != _LAND
+                circled_s = 0.0
+                closest = np.inf
+                was_ahead = False
+                goal = min(goal + 1, last[i])
+            paths[0, k, i] = east
+            paths[1, k, i] = north
+            paths[2, k, i] = low if in_air else np.nan
+            paths[3, k, i] = high if in_air else np.nan
+            dt = step_s
 
 
-def _over_ground(
-    course: FloatArray | float,
-    airspeed: FloatArray | float,
-    wind_east: FloatArray | float,
-    wind_north: FloatArray | float,
-) -> tuple[FloatArray, FloatArray]:
-    """Return the speed over ground on a course, and the part of the airspeed along it."""
-    sine = np.sin(course)
-    cosine = np.cos(course)
-    across = wind_east * cosine - wind_north * sine
-    ahead: FloatArray = np.sqrt(np.maximum(airspeed * airspeed - across * across, 0.0))
-    along = wind_east * sine + wind_north * cosine
-    return np.maximum(along + ahead, _LOW_SPEED_M_S), ahead
+def warm_up_calls() -> list[Call]:
+    """Return one call of the kernel with the types of a prediction."""
+    return [(_fly, np.zeros((1, 1, 6)), np.zeros(1, np.int64), np.ones((1, 14)), np.zeros((4, 2, 1)), 1.0)]

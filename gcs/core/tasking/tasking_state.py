@@ -147,8 +147,14 @@ class TaskingState:
     @property
     def stages(self) -> dict[int, str]:
         """Stage of each upload, by vehicle; "waiting" for queued routes."""
-        stages = {vehicle: upload.state.now.stage for vehicle, upload in self.uploads.items()}
-        return dict.fromkeys(self.queue, "waiting") | stages
+        return {vehicle: self.stage(vehicle) for vehicle in self.queue | self.uploads}
+
+    def stage(self, vehicle: int) -> str:
+        """Return the stage of an upload, "waiting" for a queued route; empty if there is neither."""
+        upload = self.uploads.get(vehicle)
+        if upload is not None:
+            return upload.state.now.stage
+        return "waiting" if vehicle in self.queue else ""
 
     def elapsed_s(self, vehicle: int, t_ns: int) -> float | None:
         """Return the time since an upload began; None if there is none."""

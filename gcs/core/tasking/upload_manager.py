@@ -140,7 +140,7 @@ class UploadManager:
         onboard = agent.tasking.onboard
         is_stored = onboard is not None and onboard.route.is_same(agent.routes.flown)
         is_suspended = agent.control.suspension is not None
-        return is_stored and not is_suspended and vehicle not in self.state.stages
+        return is_stored and not is_suspended and not self.state.stage(vehicle)
 
     def may_take_off(self, vehicle: int) -> bool:
         """Return True if that mission was also verified for a take-off from where the vehicle stands."""

@@ -4,7 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from helpers import plain_flights
 
+from gcs.core.separation import forward_flight
 from gcs.core.separation.forward_flight import Flight, Goal, GoalKind, simulate_flights
 from gcs.core.separation.look_ahead import encounters
 from gcs.geo import LocalFrame
@@ -213,3 +215,36 @@ def test_a_circle_that_begins_at_its_centre_is_entered_on_its_own_side(course_de
     east_m, north_m = paths.east_m[-1, 0] - 500.0, paths.north_m[-1, 0] - 500.0
     to_the_right_m = east_m * np.cos(course_rad) - north_m * np.sin(course_rad)
     assert side * to_the_right_m > 10.0
+
+
+def some_flight(rng, vehicle, wind_m_s):
+    """Return a flight over goals of all kinds, with no turn right round at its end: that has two sides."""
+    goals = [
+        Goal(
+            kind := GoalKind(int(rng.integers(len(GoalKind)))),
+            *rng.uniform(-400.0, 400.0, 2),
+            rng.uniform(-100.0, 100.0) if kind is GoalKind.CIRCLE else rng.uniform(5.0, 40.0),
+            rng.uniform(50.0, 200.0),
+            rng.choice([math.inf, rng.uniform(1.0, 20.0)]),
+        )
+        for _ in range(rng.integers(1, 6))
+    ]
+    return Flight(
+        vehicle, *rng.uniform(-400.0, 400.0, 2), rng.uniform(50.0, 200.0), rng.uniform(0.0, 25.0),
+        rng.uniform(-4.0, 7.0), rng.uniform(-3.0, 3.0), rng.uniform(-0.3, 0.3), rng.uniform(0.05, 0.6),
+        (*goals, Goal(GoalKind.KEEP)), rng.uniform(0.0, 2.0), rng.uniform(0.0, 0.2), rng.uniform(0.0, 5.0),
+        wind_m_s,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("step_s", [0.5, 1.0])
+@pytest.mark.parametrize("most_wind_m_s", [0.0, 8.0])
+def test_the_kernel_flies_as_the_plain_form_does(monkeypatch, step_s, most_wind_m_s):
+    rng = np.random.default_rng(1)
+    winds_m_s = rng.uniform(-most_wind_m_s, most_wind_m_s, (1000, 2)).tolist()
+    flights = [some_flight(rng, vehicle, tuple(wind_m_s)) for vehicle, wind_m_s in enumerate(winds_m_s)]
+    fast = simulate_flights(flights, 30.0, step_s)
+    monkeypatch.setattr(forward_flight, "_fly", plain_flights.fly)
+    plain = simulate_flights(flights, 30.0, step_s)
+    for one, other in zip(fast._arrays, plain._arrays, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-6)
