@@ -155,7 +155,7 @@ class Stages:
             self.fleet,
             agents,
             self.tasking,
-            self.replanner,
+            self.replanner.layers,
             self.return_routes,
             order_check,
         )

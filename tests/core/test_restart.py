@@ -283,7 +283,7 @@ def test_a_mission_of_another_station_counts_after_a_restart_until_the_vehicle_i
 
 
 def test_a_held_vehicle_that_is_resumed_before_its_mission_is_taken_up_again_flies_on() -> None:
-    orders = (order(20.0, "hold", 2), order(34.5, "resume", 2))
+    orders = (order(11.0, "hold", 2), order(34.5, "resume", 2))
     flight = flight_with_a_restart(30.0, 4.0, 400.0, orders=orders, scenario=standing())
     again = next(plan for plan in flight.all(Plan) if "taken up again" in plan.reason)
     assert again.t_ns > START_T_NS + 34.5 * S
@@ -373,8 +373,8 @@ def test_a_vehicle_without_an_audit_gets_no_mission_until_an_answer_or_an_order(
     for number in (1, 4):
         assert "does not answer the download of its onboard mission" in run.engine.untaskable()[number]
         assert noticed(alarms(effects, number), NoticeCode.MISSION_UNREAD)
-    run.order(order(65.5, "resume", 4))
-    dumb[0]._link._missions._list = given[0]
+    run.order(order(65.5, "resume", 1))  # where its circle is clear of obstacles
+    dumb[1]._link._missions._list = given[1]
     run.run(75.0)
     assert not {1, 4} & set(run.engine.untaskable())
 

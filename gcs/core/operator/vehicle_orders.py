@@ -119,7 +119,7 @@ class Orders:
                 release(vehicle, order.t_ns)
             effects += self._commands.begin(number, order, vehicle, known[vehicle].autopilot, targets)
         held_up = waits.keys() - home.keys()
-        detail = named(ongoing.waiting) + (f"; {named(held_up)} when clear of others" if held_up else "")
+        detail = named(ongoing.waiting) + (f"; {named(held_up)} when clear" if held_up else "")
         detail += f"; {named(home)} in altitude layers" if home else ""
         if order.action == "return":
             returning = {

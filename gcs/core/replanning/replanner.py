@@ -220,14 +220,6 @@ class Replanner:
         why = reasons.of_agent("upload waited", vehicle, "gets its mission later than planned")
         return self._flown_plan(inputs.t_ns, inputs.picture_t_ns, why, (vehicle,))
 
-    def change_layer(self, route: Route, t_ns: int) -> Plan:
-        """Make another route of a vehicle to the same target the flown one; return the plan of all."""
-        routes = self._agents[route.vehicle].routes
-        routes.adopt(route)
-        routes.latest = route
-        routes.made_t_ns = t_ns
-        return self._flown_plan(t_ns, t_ns, reasons.occupied(route.vehicle), (route.vehicle,))
-
     def _lead_apart(self, inputs: PlanningInputs) -> Plan | None:
         """Lead a vehicle that soon meets another one over terrain to its target at other heights, if it can.
 

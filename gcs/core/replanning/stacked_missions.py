@@ -6,7 +6,7 @@ It ends as missions do: with a circle at home, or beside it where all layers the
 landing in the landing order.
 
 LOITER keeps the height. A vehicle whose circle comes near that of another one gets a mission with the circle
-in a free layer. One that flies to its target, and would come near another one, goes on in a free layer.
+in a free layer.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import MapChange, NoFlyZones
 from gcs.core.replanning.mission_inputs import mission_inputs, terrain_of
-from gcs.core.replanning.replanner import Replanner
+from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.replanning.route_crossing import leads_through
 from gcs.core.separation.minima import min_distance_m
@@ -59,7 +59,7 @@ class StackedMissions:
         fleet: Fleet,
         agents: Mapping[int, Agent],
         tasking: UploadManager,
-        replanner: Replanner,
+        layers: AltitudeLayers,
         return_routes: ReturnRoutes,
         order_check: OrderCheck,
     ) -> None:
@@ -68,8 +68,7 @@ class StackedMissions:
         self._fleet = fleet
         self._agents = agents
         self._tasking = tasking
-        self._replanner = replanner
-        self._layers = replanner.layers
+        self._layers = layers
         self._return_routes = return_routes
         self._order_check = order_check
         self._intents = order_check.intents
@@ -114,31 +113,6 @@ class StackedMissions:
         planned = self._not_flown_yet(vehicle)
         flights = self._order_check.predict(t_ns)
         return self._route(state, [place_m], hold_label(vehicle), planned, {}, flights)
-
-    def plan_layer(self, vehicle: int, t_ns: int) -> Route | None:
-        """Return another route to the end of a vehicle's route, in a layer clear of all others; or None."""
-        state = self._fleet.state(vehicle)
-        routes = self._agents[vehicle].routes
-        if state is None or routes.flown is None or routes.proposed is not None:
-            return None
-        (east_m, north_m) = routes.flown.points_m[-1].tolist()
-        planned = self._not_flown_yet(vehicle)
-        flights = self._order_check.predict(t_ns)
-        layers = self._nearest_layers(vehicle)[1:]
-        for route in self._in_layers(state, (east_m, north_m), routes.flown.target, layers, t_ns):
-            if not self._order_check.stacking_problem(route, planned, {}, flights, must_be_clear=True):
-                return route
-        return None
-
-    def send_on(self, route: Route, t_ns: int) -> list[Effect]:
-        """Send a vehicle to its target by another route, at once."""
-        plan = self._replanner.change_layer(route, t_ns)
-        return_route, warnings = self._return_routes.plan(route, t_ns)
-        return [
-            plan,
-            *warnings,
-            *self._tasking.enqueue_upload(route, t_ns, return_route, at_once=True),
-        ]
 
     def _not_flown_yet(self, vehicle: int) -> dict[int, Route]:
         """Return the routes of others that are sent home, or to a layer, and still fly something else."""

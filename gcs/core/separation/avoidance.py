@@ -7,9 +7,6 @@ from all others begins, if it is an improvement; of two that are equal, that of 
 Over terrain no vehicle holds where that would lead it out of the flight band; shortly before a loss of
 separation the hold may be above the band, or a little below it.
 
-Where neither could hold clear of all others, one goes on to its target in a free altitude layer, if there is
-time for a new mission.
-
 Two that wait near each other in LOITER, and whose circles overlap, are kept apart by height: one gets a
 mission with a circle in a free altitude layer (`gcs.core.replanning.stacked_missions`).
 
@@ -130,21 +127,6 @@ class Avoidances:
         """Return True if a vehicle would climb or descend through the height of another one."""
         above_m = self._height_m(vehicle) - self._height_m(other)
         return abs(above_m) > _LEVEL_M and above_m * (to_msl_m - self._height_m(other)) < 0.0
-
-    def change_layer(self, encounter: Encounter, t_ns: int) -> list[Effect]:
-        """Lead one vehicle of an encounter to its target in a free layer, if none can hold clear of all."""
-        pair = [vehicle for vehicle in encounter.vehicles if vehicle in self._agents]
-        if not self._is_enabled or any(self._agents[v].separation.avoidance is not None for v in pair):
-            return []
-        flights = self._order_check.predict(t_ns)
-        free = [vehicle for vehicle in pair if self._may_hold(vehicle)]
-        if any(self._order_check.holds_clear(vehicle, flights) for vehicle in free):
-            return []
-        for vehicle in sorted(free, key=self._left_m, reverse=True):
-            route = self._stacked.plan_layer(vehicle, t_ns)
-            if route is not None:
-                return self._stacked.send_on(route, t_ns)
-        return []
 
     def hold(self, encounter: Encounter, t_ns: int) -> list[Effect]:
         """Let one vehicle of an encounter hold, if that helps; nothing while one of them holds already."""

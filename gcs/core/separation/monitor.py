@@ -34,10 +34,6 @@ _PERIOD_NS: Final = ns(1.0)
 _APART_NS: Final = ns(5.0)
 _AGAIN_NS: Final = ns(10.0)
 """Time from a hold of one of a pair to the next hold, if they still come near each other."""
-_LAYER_S: Final = 10.0
-"""Time before two come near in which one may still get to another layer: upload and climb."""
-_LAYER_AGAIN_NS: Final = ns(5.0)
-"""Time between two searches for such a layer."""
 _HYSTERESIS: Final = 1.5
 """Multiple of the minimum distance at which a pair that was told counts as apart."""
 _MIN_TURN_NS = ns(0.75)
@@ -168,13 +164,6 @@ class SeparationMonitor:
         if before_t_ns is not None and is_aircraft(encounter.vehicles[1]):
             return []
         effects = self._avoidances.stack(encounter, t_ns)
-        layer_t_ns = approach.layer_t_ns
-        has_time = encounter.after_s >= _LAYER_S
-        if not effects and has_time and (layer_t_ns is None or t_ns - layer_t_ns >= _LAYER_AGAIN_NS):
-            approach.layer_t_ns = t_ns
-            changed = self._avoidances.change_layer(encounter, t_ns)
-            if changed:
-                return changed
         is_due = stage > 1 or self._avoidances.is_last_chance(encounter, t_ns)
         if not effects and is_due and (before_t_ns is None or t_ns - before_t_ns >= _AGAIN_NS):
             effects = self._avoidances.hold(encounter, t_ns)

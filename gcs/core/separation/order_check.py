@@ -316,7 +316,6 @@ class OrderCheck:
         flights: PredictedFlights,
         *,
         circles_only: bool = False,
-        must_be_clear: bool = False,
     ) -> str:
         """Return which vehicle a return or a hold by a mission would lead a vehicle near to; empty if none.
 
@@ -332,9 +331,8 @@ class OrderCheck:
             What all vehicles fly now.
         circles_only : bool
             True if the circle at its end alone is checked.
-        must_be_clear : bool
-            True if its way must be clear of all. Else it is no problem with a vehicle that it is as near to
-            now: it leads away.
+
+        Its way there is no problem with a vehicle that it is as near to now: it leads away.
         """
         states = flights.states
         own = self._stacked(states[route.vehicle], route, flights.t_ns)
@@ -343,8 +341,7 @@ class OrderCheck:
         conflicts = [*self._overlapping(own, others, last=True)]
         if not conflicts and not circles_only:
             present = flights.of(route.vehicle)
-            met = () if must_be_clear else self._met(present, others, is_return=True)
-            now = {one.other: one.nearness for one in met}
+            now = {one.other: one.nearness for one in self._met(present, others, is_return=True)}
             conflicts = [
                 one
                 for one in self._met(own, others, is_return=True)

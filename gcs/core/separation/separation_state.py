@@ -78,8 +78,6 @@ class Approach:
     """Difference in height there."""
     avoided_t_ns: int | None = None
     """Begin of the last hold of one of them."""
-    layer_t_ns: int | None = None
-    """Time of the last search for another layer for one of them."""
     name: str = ""
     """Aircraft of the pair, in words; empty for two of our vehicles."""
 

@@ -10,7 +10,7 @@ from gcs.core.airspace.no_fly_zones import ClosedZone, NoFlyZones
 from gcs.core.separation.forward_flight import Flight, simulate_flights
 from gcs.planning.map.line_of_sight import line_of_sight
 
-_OFF_M: Final = 20.0
+_OFF_M: Final = 10.0
 """Distance by which predicted circles are off."""
 
 
