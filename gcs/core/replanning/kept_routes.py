@@ -6,6 +6,8 @@ import math
 from collections.abc import Container, Mapping, Sequence
 from typing import Final
 
+import numpy as np
+
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.replanning.triggers import Triggers
@@ -20,6 +22,9 @@ _SAME_PLACE_M: Final = 1.0
 _NEAR_END_M: Final = 100.0
 _MAX_TURN_NEAR_END_RAD: Final = math.radians(270.0)
 """Turns beyond which a vehicle near its target, or near the end of its route, keeps the route it flies."""
+_LOW_M: Final = 5.0
+"""Distance below the flight band from which a new route is no improvement."""
+_SAMPLE_M: Final = 20.0
 _LOOP_RADII: Final = 4.0
 """Extent of a loop's waypoints, in turn radii."""
 
@@ -78,13 +83,13 @@ class KeptRoutes:
         for route, changed in zip(result.routes, choose_new(result).new, strict=True):
             current = self._agents[route.vehicle].routes
             is_flyable = not current.is_blocked and route.vehicle not in occupied
-            turns_back = self._turns_back(changed, starts[route.vehicle], inputs)
+            is_worse = self.is_low(changed) or self._turns_back(changed, starts[route.vehicle], inputs)
             # A route that waits for approval stays as long as it is good.
             good = [
                 one
                 for one in (current.proposed, current.flown if is_flyable else None)
                 if one is not None
-                and self._is_still_good(one, route, inputs, route.vehicle in result.stops_short, turns_back)
+                and self._is_still_good(one, route, inputs, is_worse or route.vehicle in result.stops_short)
             ]
             kept += good[:1]
             new += [] if good else [changed]
@@ -109,18 +114,28 @@ class KeptRoutes:
             and not self._triggers.is_endangered(vehicle, inputs)
         ]
 
-    def _is_still_good(
-        self, flown: Route, new: Route, inputs: PlanningInputs, short: bool, turns_back: bool
-    ) -> bool:
+    def is_low(self, route: Route) -> bool:
+        """Return True if a route leads below the flight band, since its vehicle is low where it begins."""
+        terrain = self._mission.terrain
+        if terrain is None or route.heights_msl_m is None:
+            return False
+        legs_m = np.hypot(*np.diff(route.flown_m, axis=0).T)
+        along_m = np.concatenate(([0.0], np.cumsum(legs_m)))
+        at_m = np.arange(0.0, along_m[-1] + _SAMPLE_M, _SAMPLE_M)
+        places_m = np.column_stack([np.interp(at_m, along_m, axis) for axis in route.flown_m.T])
+        agl_m = np.interp(at_m, along_m, route.heights_msl_m) - terrain.elevation.heights_at(places_m)
+        return float(agl_m.min()) < terrain.min_agl_m - _LOW_M
+
+    def _is_still_good(self, flown: Route, new: Route, inputs: PlanningInputs, is_worse: bool) -> bool:
         """Return True if a vehicle should keep its route.
 
-        `short`: the new one ends before its target. `turns_back`: it makes a full turn near its end.
+        `is_worse`: the new one ends before its target, turns back near it, or leads below the flight band.
         """
         vehicle = new.vehicle
         triggers = self._triggers
         if flown.target != new.target or triggers.is_endangered(vehicle, inputs):
             return False
-        if short or turns_back:
+        if is_worse:
             return True
         if triggers.has_passed_target(vehicle, inputs):
             return False

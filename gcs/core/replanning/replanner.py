@@ -235,9 +235,10 @@ class Replanner:
             routes.layer_t_ns = inputs.t_ns
             made = self._made_again({vehicle: routes.flown.target}, inputs)
             first_s = min((one.after_s for one in made.conflicts), default=math.inf)
-            if vehicle in made.paths_m and first_s > after_s + _LAYER_GAIN_S:
+            new = [route for route in made.routes if route.vehicle == vehicle and vehicle in made.paths_m]
+            if new and first_s > after_s + _LAYER_GAIN_S and not self._kept.is_low(new[0]):
                 self._note_made(made, inputs.t_ns)
-                (routes.flown,) = (route for route in made.routes if route.vehicle == vehicle)
+                routes.flown = new[0]
                 why = reasons.occupied(vehicle)
                 return self._flown_plan(inputs.t_ns, inputs.picture_t_ns, why, (vehicle,))
             tries += 1

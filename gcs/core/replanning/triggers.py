@@ -29,6 +29,8 @@ from gcs.planning.route_progress import remaining_length_m
 
 _URGENT_FACTOR = 3.0
 """Multiple of its tolerance that a target must have moved to trigger a plan between two periods."""
+_TIME_S = 10.0
+"""Time before two meet in which one may still get to another height: upload and climb."""
 
 
 class Triggers:
@@ -213,14 +215,21 @@ class Triggers:
         return self._layers.occupied(self._settled(inputs), inputs)
 
     def meeting(self, inputs: PlanningInputs) -> list[tuple[int, float]]:
-        """Return the agents that soon meet any others at one height, and when, those first that do first."""
-        routes = {v: route for v, route in self.newest.items() if v in inputs.agents}
+        """Return the agents that soon meet any others at one height, and when, those first that do first.
+
+        Those that hold for others are not among them, nor those that meet them: they are kept apart by that.
+        """
+        routes = {
+            v: route
+            for v, route in self.newest.items()
+            if v in inputs.agents and self._agents[v].separation.avoidance is None
+        }
         met = self._layers.first_met(list(routes.values()), inputs)
         settled = {route.vehicle for route in self._settled(inputs)}
         return [
             (v, after_s)
             for v, after_s in met.items()
-            if v in settled and not self.is_arriving(routes[v], inputs)
+            if v in settled and after_s >= _TIME_S and not self.is_arriving(routes[v], inputs)
         ]
 
     def _settled(self, inputs: PlanningInputs) -> list[Route]:

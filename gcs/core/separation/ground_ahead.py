@@ -18,6 +18,8 @@ _RING_RADII: Final = (0.5, 1.0)
 """Radii of rings that are looked at, by that of the circle."""
 _WIND_GAIN: Final = 0.75
 """Growth of the outermost ring, as a share of its radius, by wind and airspeed."""
+_CLIMB_LAG_S: Final = 2.5
+"""Time until a vehicle climbs as it should."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,9 +86,15 @@ class GroundAhead:
 
 
 def _flown(flight: Flight, ahead_s: float, elevation: Elevation) -> tuple[FloatArray, FloatArray]:
-    """Return the places of a flight, (k, 2), and its least heights above ground there, (k,)."""
+    """Return the places of a flight, (k, 2), and its least heights above ground there, (k,).
+
+    A vehicle climbs `_CLIMB_LAG_S` later than asked for.
+    """
     paths = simulate_flights([flight], ahead_s)
     places_m = np.column_stack((paths.east_m[:, 0], paths.north_m[:, 0]))
     heights_m = paths.low_m[:, 0]
     heights_m[0] = flight.height_m
+    steeper_m_s = np.maximum(np.diff(heights_m) / STEP_S - flight.climb_m_s, 0.0)
+    late_s = np.minimum(STEP_S * np.arange(1, len(heights_m)), _CLIMB_LAG_S)
+    heights_m[1:] -= late_s * steeper_m_s
     return places_m, heights_m - elevation.heights_at(places_m)

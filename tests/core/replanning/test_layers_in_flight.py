@@ -1,12 +1,13 @@
-"""Two vehicles over terrain that would meet at one height, since the wind is not that of the first plan."""
+"""Routes of vehicles in flight over terrain: to other heights before two meet, and none below the band."""
 
 import math
 
+import pytest
 from helpers.hills import elevation_of, terrain_table
 from helpers.noticed import noticed
 from helpers.staging import S
 
-from gcs.model import NoticeCode, Order, Plan
+from gcs.model import NoticeCode, Order, Plan, Route, read_only
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import parse_scenario
 
@@ -73,6 +74,7 @@ north_m = 2800.0
 east_m = 800.0
 north_m = 200.0
 """
+TEXT = FIELD + terrain_table(elevation_of(lambda east, north: 70.0 + 0.0 * (east + north), 3000.0))
 KNOWN_S = 10.0
 """Time from which the vehicles have an estimate of the wind."""
 PINNED_HALF_S = 6
@@ -87,9 +89,8 @@ def label_at(run, east_m, north_m):
 
 def test_one_of_two_that_will_meet_over_terrain_is_led_to_another_height_before():
     """Before, each kept its route up to the last seconds, and one had to hold."""
-    text = FIELD + terrain_table(elevation_of(lambda east, north: 70.0 + 0.0 * (east + north), 3000.0))
     effects = []
-    run = VirtualRun(parse_scenario(text, "field"), 1, on_effect=lambda _t_ns, effect: effects.append(effect))
+    run = VirtualRun(parse_scenario(TEXT, "field"), 1, on_effect=lambda _t_ns, effect: effects.append(effect))
     one, other = (run.vehicles[f"vehicle:{number}"] for number in (1, 3))
     nearest_m = math.inf
     height_m = 0.0
@@ -112,3 +113,16 @@ def test_one_of_two_that_will_meet_over_terrain_is_led_to_another_height_before(
     assert len(changes[0].changed) == 1
     assert not noticed(effects, NoticeCode.AVOIDS)
     assert not noticed(effects, NoticeCode.SEPARATION_LOST)
+
+
+@pytest.mark.parametrize(("least_agl_m", "is_low"), [(40.0, True), (46.0, False), (60.0, False)])
+def test_a_new_route_below_the_flight_band_is_no_reason_to_leave_the_flown_one(least_agl_m, is_low):
+    """Before, a vehicle got one that led down to 38 m above the ground, for a target that had moved 27 m."""
+    run = VirtualRun(parse_scenario(TEXT, "field"), 1)
+    run.run(12.0)
+    replanner = run.engine.stages.replanner
+    flown = run.engine.state.agents[3].routes.flown
+    heights_m = read_only([150.0, 70.0 + least_agl_m, 150.0])
+    points_m = read_only([(1500.0, 900.0), (1500.0, 1000.0), (1500.0, 2800.0)])
+    new = Route(3, flown.target, points_m, 0.0, heights_msl_m=heights_m)
+    assert replanner._kept.is_low(new) is is_low
