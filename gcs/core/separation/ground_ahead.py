@@ -18,8 +18,6 @@ _RING_RADII: Final = (0.5, 1.0)
 """Radii of rings that are looked at, by that of the circle."""
 _WIND_GAIN: Final = 0.75
 """Growth of the outermost ring, as a share of its radius, by wind and airspeed."""
-_CLIMB_LAG_S: Final = 2.5
-"""Time until a vehicle climbs as it should."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,11 +56,14 @@ class GroundAhead:
         east_m, north_m = places_m[at].tolist()
         return GroundEncounter(at * STEP_S, float(agl_m[at]), east_m, north_m)
 
-    def below_band_m(self, flight: Flight, ahead_s: float) -> float:
-        """Return how far a flight goes below the flight band; negative inside, infinitely without a band."""
+    def below_band_m(self, flight: Flight, ahead_s: float, lag_s: float = 0.0) -> float:
+        """Return how far a flight goes below the flight band; negative inside, infinitely without a band.
+
+        With a lag the vehicle climbs as it should later by that.
+        """
         if self._elevation is None or self._terrain is None:
             return -math.inf
-        _, agl_m = _flown(flight, ahead_s, self._elevation)
+        _, agl_m = _flown(flight, ahead_s, self._elevation, lag_s)
         return self._terrain.min_agl_m - float(np.nanmin(agl_m))
 
     def departures_m(self, hold: Flight, ahead_s: float) -> tuple[float, float]:
@@ -85,16 +86,15 @@ class GroundAhead:
         return below_m, float(agl_m.max() - self._terrain.max_agl_m)
 
 
-def _flown(flight: Flight, ahead_s: float, elevation: Elevation) -> tuple[FloatArray, FloatArray]:
-    """Return the places of a flight, (k, 2), and its least heights above ground there, (k,).
-
-    A vehicle climbs `_CLIMB_LAG_S` later than asked for.
-    """
+def _flown(
+    flight: Flight, ahead_s: float, elevation: Elevation, lag_s: float = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """Return the places of a flight, (k, 2), and its least heights above ground there, (k,)."""
     paths = simulate_flights([flight], ahead_s)
     places_m = np.column_stack((paths.east_m[:, 0], paths.north_m[:, 0]))
     heights_m = paths.low_m[:, 0]
     heights_m[0] = flight.height_m
     steeper_m_s = np.maximum(np.diff(heights_m) / STEP_S - flight.climb_m_s, 0.0)
-    late_s = np.minimum(STEP_S * np.arange(1, len(heights_m)), _CLIMB_LAG_S)
+    late_s = np.minimum(STEP_S * np.arange(1, len(heights_m)), lag_s)
     heights_m[1:] -= late_s * steeper_m_s
     return places_m, heights_m - elevation.heights_at(places_m)

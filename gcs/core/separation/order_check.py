@@ -54,6 +54,8 @@ _ZONE_AHEAD_S: Final = 40.0
 """Time without an incursion for which one that held may fly on: more than that at which it holds."""
 _HOLD_MARGIN: Final = 1.3
 """Multiple of the minimum distance at which a hold is clear of others: predicted turns are off by 20 m."""
+_CLIMB_LAG_S: Final = 2.5
+"""Time until a vehicle that held climbs as its mission asks for."""
 _RELEASE_MARGIN: Final = 1.5
 """Multiple of the minimum distance at which a vehicle that held may fly on: in wind predictions are off."""
 
@@ -144,7 +146,7 @@ class OrderCheck:
         led = self.intents.flight(state, t_ns, AUTO)
         conflicts = [*self._met(led, others, is_return=False, margin=_RELEASE_MARGIN)]
         present = self.intents.flight(state, t_ns)
-        below_m = self._below_band_m(led)
+        below_m = self._below_band_m(led, _CLIMB_LAG_S)
         if below_m > max(_OFF_BAND_M, self._below_band_m(present)):
             return f"would fly {below_m:.0f} m below the flight band"
         if zone := self._zones.first(led, _ZONE_AHEAD_S):
@@ -154,11 +156,11 @@ class OrderCheck:
             return ""
         return f"would {min(conflicts).words}"
 
-    def _below_band_m(self, flight: Flight) -> float:
+    def _below_band_m(self, flight: Flight, lag_s: float = 0.0) -> float:
         """Return how far a flight goes below the flight band at once; a landing does so by intent."""
         if any(goal.kind is GoalKind.LAND for goal in flight.goals):
             return -math.inf
-        return self._ground.below_band_m(flight, _AHEAD_S)
+        return self._ground.below_band_m(flight, _AHEAD_S, lag_s)
 
     def should_hold_before_zone(self, vehicle: int, t_ns: int) -> bool:
         """Return True if a flight leads into a zone, and a hold is clear of areas, the ground and others."""
