@@ -430,6 +430,8 @@ class OrderCheck:
         """
         circle = own.goals[-1]
         for other in others if _is_endless(circle) else ():
+            if not last and other.goals[0].kind is not GoalKind.CIRCLE:
+                continue
             is_circling = all(goal.kind is GoalKind.CIRCLE for goal in other.goals)  # a PX4 descends in it
             theirs = other.goals[-1 if last or is_circling else 0]
             if not _is_endless(theirs):
