@@ -97,6 +97,9 @@ def assign_layers(
     conflicts: list[Conflict] = []
     for i, flight in enumerate(order):
         nearest = distance_m[i, :i]
+        if flight.keeps_layer and not (nearest < min_distance_m).any():
+            found.append(flight.layer % layers)
+            continue
         assigned = np.array(found, dtype=np.int64)
         by_height = has_heights[:i] & has_heights[i]
         layer = flight.layer % layers

@@ -154,44 +154,52 @@ class JournalSink:
         self._error: JournalError | None = None
         """Error of the last attempt to write."""
         self._written_t_ns: int | None = None
+        self._is_due = False
+        """True if the next version is written as soon as the one before is."""
         self._is_changed = False
         self._checked_t_ns = 0
         self._uploads: set[int] = set()
-        """Vehicles with an upload in progress."""
+        """Vehicles with an upload in progress that the journal has."""
         self._untaskable: dict[int, str] = {}
         self._failed = False
 
     def event(self, event: Event) -> None:
-        """Write the journal when it is due."""
-        if not isinstance(event, Tick):
-            return
+        """Write the journal when it is due: once for all plans and uploads of the event before."""
+        if isinstance(event, Tick):
+            self._check(event.t_ns)
+        if self._is_due and self.writer.is_idle:
+            self.write(event.t_ns)
+
+    def _check(self, t_ns: int) -> None:
+        """Find out whether the journal is due."""
         self._report_change()
-        uploads = set(self._engine.state.tasking.uploads)
-        begun = uploads - self._uploads
-        self._uploads = uploads
-        if begun:
-            self.write(event.t_ns)  # A mission that the journal does not know would be taken for another's.
-        if event.t_ns - self._checked_t_ns >= MIN_WRITE_INTERVAL_NS:
-            self._checked_t_ns = event.t_ns
+        uploads = self._engine.state.tasking.uploads.keys()
+        if uploads - self._uploads:
+            self._is_due = True  # A mission that the journal does not know would be taken for another's.
+        self._uploads &= uploads
+        if t_ns - self._checked_t_ns >= MIN_WRITE_INTERVAL_NS:
+            self._checked_t_ns = t_ns
             before = self._untaskable
             self._untaskable = self._engine.untaskable()  # a pilot may have changed a mode
             self._is_changed = self._is_changed or self._untaskable != before
-        since_ns = event.t_ns - (self._written_t_ns or 0)
+        since_ns = t_ns - (self._written_t_ns or 0)
         if since_ns >= WRITE_PERIOD_NS or (self._is_changed and since_ns >= MIN_WRITE_INTERVAL_NS):
-            self.write(event.t_ns)
+            self.write(t_ns)
 
-    def effect(self, t_ns: int, effect: Effect) -> None:
+    def effect(self, t_ns: int, effect: Effect) -> None:  # noqa: ARG002
         """Note a change of the state."""
         if isinstance(effect, Plan):
             # Uploads of the plan may begin before it is written: a route counts after a restart only when the
             # vehicle reads back the same mission.
-            self.write(t_ns)
+            self._is_due = True
         elif isinstance(effect, AgentStatus | UploadReport | OrderAnswer | Proposal | MissionEnded):
             self._is_changed = True
 
     def write(self, t_ns: int) -> None:
         """Queue the state for the writer; a failure becomes an alarm and is tried again."""
         self._written_t_ns = t_ns
+        self._is_due = False
+        self._uploads = set(self._engine.state.tasking.uploads)
         snapshot = Snapshot(t_ns, encode_state(self._engine.state))
         self._is_changed = not self.writer.put(partial(self._store, snapshot))
 

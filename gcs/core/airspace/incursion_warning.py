@@ -77,12 +77,14 @@ class IncursionWarnings:
                 found += sorted(ones, key=lambda one: one.after_s)[:1]
         return found
 
+    def is_due(self, t_ns: int) -> bool:
+        """Return True once a second."""
+        return t_ns >= self._state.next_zone_check_t_ns
+
     def imminent(
         self, t_ns: int, states: Iterable[VehicleState], zones: Mapping[str, ClosedZone]
-    ) -> list[Incursion] | None:
-        """Return the incursions within `WARNING_S`, once a second; None between two checks."""
-        if t_ns < self._state.next_zone_check_t_ns:
-            return None
+    ) -> list[Incursion]:
+        """Return the incursions within `WARNING_S`; the next check is a second later."""
         self._state.next_zone_check_t_ns = t_ns + _PERIOD_NS
         return [entry for entry in self.entries(states, zones) if entry.after_s <= WARNING_S]
 

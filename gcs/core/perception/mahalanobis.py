@@ -9,8 +9,13 @@ from gcs.model import FloatArray
 
 def squared_distances(points: FloatArray, means: FloatArray, S: FloatArray) -> FloatArray:
     """Return squared Mahalanobis distances (m, n) of points (m, 2) from means (n, 2) under S (n, 2, 2)."""
-    x = points[:, :1] - means[:, 0]
-    y = points[:, 1:] - means[:, 1]
+    return paired_squared_distances(points[:, None], means, S)
+
+
+def paired_squared_distances(points: FloatArray, means: FloatArray, S: FloatArray) -> FloatArray:
+    """Return the squared distance (n,) of each point (n, 2) from its own mean (n, 2) under S (n, 2, 2)."""
+    x = points[..., 0] - means[:, 0]
+    y = points[..., 1] - means[:, 1]
     s00 = S[:, 0, 0]
     s01 = S[:, 0, 1]
     s11 = S[:, 1, 1]

@@ -22,7 +22,7 @@ from typing import TypeAlias
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from gcs.core.perception.mahalanobis import squared_distances
+from gcs.core.perception.mahalanobis import paired_squared_distances, squared_distances
 from gcs.core.perception.perception_state import Association, ConsecutiveEpochs
 from gcs.core.perception.report_sensor import at_time
 from gcs.core.perception.track_lifecycle import TrackConfirmation
@@ -111,8 +111,12 @@ class TrackVehicleAssociation:
         if not tracked:
             return set()
         vehicles = [vehicle for vehicle, _ in tracked]
-        distances = self._squared_distances(vehicles, [track for _, track in tracked], positions)
-        is_outside = ~(distances.diagonal() <= self._gate_chi2)
+        reported = np.array([positions[vehicle] for vehicle in vehicles])
+        means = np.array([track.mean[:2] for _, track in tracked])
+        covs = np.array([track.cov[:2, :2] for _, track in tracked])
+        stds_m = np.array([self._std_m(vehicle) for vehicle in vehicles])
+        S = covs + np.eye(2) * (stds_m**2)[:, None, None]
+        is_outside = ~(paired_squared_distances(reported, means, S) <= self._gate_chi2)
         outside = set()
         for vehicle, holds in zip(vehicles, is_outside.tolist(), strict=True):
             if self._of(vehicle).outside.count(t_ns, holds=holds) >= _BREAK_AFTER:
@@ -207,6 +211,11 @@ class TrackVehicleAssociation:
         costs = self._squared_distances(vehicles, tracks, positions)
         costs[~(costs <= self._gate_chi2)] = _FORBIDDEN
         return costs
+
+    def _std_m(self, vehicle: int) -> float:
+        """Return the standard deviation of a vehicle's reports."""
+        slow = self._agents[vehicle].link.high_latency
+        return self._noise_std_m if slow is None else slow.std_m
 
     def _squared_distances(
         self, vehicles: Sequence[int], tracks: Sequence[Track], positions: Positions

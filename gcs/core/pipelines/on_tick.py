@@ -123,9 +123,9 @@ def watch_takeoffs(stages: Stages, event: Tick) -> list[Effect]:
 def watch_zones(stages: Stages, event: Tick) -> list[Effect]:
     """Warn of vehicles that fly into no-fly zones, and let them hold before."""
     t_ns = event.t_ns
-    imminent = stages.incursions.imminent(t_ns, stages.fleet.states(), stages.no_fly_zones.closed)
-    if imminent is None:
+    if not stages.incursions.is_due(t_ns):
         return []
+    imminent = stages.incursions.imminent(t_ns, stages.fleet.states(), stages.no_fly_zones.closed)
     effects: list[Effect] = [*stages.incursions.tell(t_ns, imminent)]
     for entry in imminent:
         effects += stages.avoidances.hold_before_zone(entry, t_ns)

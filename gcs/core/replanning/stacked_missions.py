@@ -104,14 +104,13 @@ class StackedMissions:
                 planned[vehicle] = route
         return planned
 
-    def plan_hold(self, vehicle: int, t_ns: int) -> Route | None:
+    def plan_hold(self, vehicle: int, flights: PredictedFlights) -> Route | None:
         """Return a route to a circle where a vehicle is, in a layer clear of all others; None without one."""
         state = self._fleet.state(vehicle)
         place_m = self._agents[vehicle].separation.hold_m
         if state is None or place_m is None:
             return None
         planned = self._not_flown_yet(vehicle)
-        flights = self._order_check.predict(t_ns)
         return self._route(state, [place_m], hold_label(vehicle), planned, {}, flights)
 
     def _not_flown_yet(self, vehicle: int) -> dict[int, Route]:
@@ -161,7 +160,7 @@ class StackedMissions:
                 continue
             agent.routes.is_blocked = True
             if is_hold(route):
-                other = self.plan_hold(vehicle, t_ns)
+                other = self.plan_hold(vehicle, self._order_check.predict(t_ns))
             else:
                 other = self.plan_returns([vehicle], {}, t_ns).get(vehicle)
             effects[vehicle] = [] if other is None else self.send(other, t_ns)

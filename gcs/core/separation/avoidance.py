@@ -30,6 +30,7 @@ from gcs.core.separation.aircraft import AirTraffic
 from gcs.core.separation.landing_order import LandingOrder
 from gcs.core.separation.look_ahead import Encounter
 from gcs.core.separation.order_check import OrderCheck
+from gcs.core.separation.predicted_flights import PredictedFlights
 from gcs.core.separation.separation_state import Avoidance
 from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import (
@@ -92,17 +93,18 @@ class Avoidances:
         self._order_check = order_check
         self._landing_order = landing_order
 
-    def stack(self, encounter: Encounter, t_ns: int) -> list[Effect]:
+    def stack(self, encounter: Encounter, flights: PredictedFlights) -> list[Effect]:
         """Send one of two vehicles that hold near each other to a circle in a free altitude layer.
 
         None climbs or descends through the other: the higher one goes up, or the lower one down.
         """
+        t_ns = flights.t_ns
         ours = [vehicle for vehicle in encounter.vehicles if vehicle in self._agents]
         stacked = [route for v in ours if (route := self._agents[v].routes.stacked) is not None]
         if not self._is_enabled or any(map(is_hold, stacked)):
             return []
         for vehicle in sorted(ours, key=self._height_m, reverse=True):
-            route = self._stacked.plan_hold(vehicle, t_ns) if self._may_stack(vehicle, t_ns) else None
+            route = self._stacked.plan_hold(vehicle, flights) if self._may_stack(vehicle, t_ns) else None
             if route is None:
                 continue
             (number,) = (v for v in encounter.vehicles if v != vehicle)
@@ -115,7 +117,9 @@ class Avoidances:
                 "height_m": height_m,
             }
             notice = Notice(t_ns, NoticeCode.CHANGES_LAYER, vehicle, parameters)
-            return [notice, *self._stacked.send(route, t_ns)]
+            sent = self._stacked.send(route, t_ns)
+            flights.renew()
+            return [notice, *sent]
         return []
 
     def _height_m(self, vehicle: int) -> float:
@@ -128,15 +132,16 @@ class Avoidances:
         above_m = self._height_m(vehicle) - self._height_m(other)
         return abs(above_m) > _LEVEL_M and above_m * (to_msl_m - self._height_m(other)) < 0.0
 
-    def hold(self, encounter: Encounter, t_ns: int) -> list[Effect]:
+    def hold(self, encounter: Encounter, flights: PredictedFlights) -> list[Effect]:
         """Let one vehicle of an encounter hold, if that helps; nothing while one of them holds already."""
+        t_ns = flights.t_ns
         pair = [vehicle for vehicle in encounter.vehicles if vehicle in self._agents]
         if not self._is_enabled or any(self._agents[v].separation.avoidance is not None for v in pair):
             return []
-        gains = {v: self._order_check.hold_gain(v, t_ns) for v in pair if self._may_hold(v)}
+        gains = {v: self._order_check.hold_gain(v, flights) for v in pair if self._may_hold(v)}
         gains = {v: round(gain, 1) for v, gain in gains.items() if gain >= _MIN_GAIN}
         is_late = encounter.after_s <= _LATEST_S
-        inside = [v for v in gains if self._order_check.circles_in_band(v, t_ns, is_late=is_late)]
+        inside = [v for v in gains if self._order_check.circles_in_band(v, flights, is_late=is_late)]
         if not inside:
             return []
         vehicle = max(inside, key=lambda v: (gains[v], self._left_m(v), v))
@@ -162,7 +167,7 @@ class Avoidances:
         leads_round = _flies_wanted(agent) and not agent.routes.is_blocked
         if leads_round or not (is_due and may_hold):
             return []
-        if not self._order_check.should_hold_before_zone(vehicle, t_ns):
+        if not self._order_check.should_hold_before_zone(vehicle, self._order_check.predict(t_ns)):
             return []
         other = f"no-fly zone {incursion.zone}"
         avoidance = separation.avoidance = Avoidance(other, t_ns, is_before_zone=True)
@@ -171,11 +176,10 @@ class Avoidances:
         notice = Notice(t_ns, NoticeCode.HOLDS_BEFORE_ZONE, vehicle, about)
         return [notice, *self._command(vehicle, avoidance, LOITER, t_ns)]
 
-    def is_last_chance(self, encounter: Encounter, t_ns: int) -> bool:
+    def is_last_chance(self, encounter: Encounter, flights: PredictedFlights) -> bool:
         """Return True if one of an encounter can hold clear of all others now, and none a little later."""
         ours = [vehicle for vehicle in encounter.vehicles if vehicle in self._agents]
         may_hold = [vehicle for vehicle in ours if self._may_hold(vehicle)]
-        flights = self._order_check.predict(t_ns)
         clear = self._order_check.holds_clear
         return any(clear(v, flights) for v in may_hold) and not any(
             clear(v, flights, _SOON_S) for v in may_hold
@@ -192,6 +196,7 @@ class Avoidances:
     def poll(self, t_ns: int) -> list[Effect]:
         """Repeat commands; let vehicles fly on that are clear."""
         effects: list[Effect] = []
+        flights = self._order_check.predict(t_ns)
         for vehicle, agent in self._agents.items():
             avoidance = agent.separation.avoidance
             if avoidance is None:
@@ -213,7 +218,7 @@ class Avoidances:
                 effects += self._end(vehicle, "" if flies_on else "it does not obey", t_ns)
             elif t_ns >= avoidance.next_check_t_ns:
                 avoidance.next_check_t_ns = t_ns + _PERIOD_NS
-                effects += self._check(vehicle, avoidance, t_ns)
+                effects += self._check(vehicle, avoidance, flights)
         return effects
 
     def _may_hold(self, vehicle: int) -> bool:
@@ -258,10 +263,11 @@ class Avoidances:
         passed = flown_points(agent, route, state)
         return remaining_length_m(route.points_m, (state.east_m, state.north_m), passed)
 
-    def _check(self, vehicle: int, avoidance: Avoidance, t_ns: int) -> list[Effect]:
+    def _check(self, vehicle: int, avoidance: Avoidance, flights: PredictedFlights) -> list[Effect]:
         """Let a vehicle in LOITER fly on, if that leads near no other vehicle, and into no zone."""
+        t_ns = flights.t_ns
         held_ns = t_ns - avoidance.since_t_ns
-        is_clear = not self._order_check.release_problem(vehicle, t_ns)
+        is_clear = not self._order_check.release_problem(vehicle, flights)
         if avoidance.is_before_zone and not is_clear:
             return []
         has_route = _wanted(self._agents[vehicle]) is not None and not self._needs_new_route(vehicle)
@@ -285,10 +291,9 @@ class Avoidances:
         return has_heights and profile is not None and profile.climbs_first
 
     def _command(self, vehicle: int, avoidance: Avoidance, mode: str, t_ns: int) -> list[Effect]:
-        health = next(one for one in self._fleet.health() if one.system_id == vehicle)
         self._tasking.overrides.of(vehicle).note_command(mode)
         before = LOITER if mode == AUTO else ""
-        command = set_mode(vehicle, health.autopilot, mode)
+        command = set_mode(vehicle, self._fleet.health_of(vehicle).autopilot, mode)
         avoidance.sender = CommandSender.begin(command, t_ns, mode=mode, before=before)
         return self._progress(vehicle, avoidance.sender, t_ns)
 

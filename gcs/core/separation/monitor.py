@@ -20,6 +20,7 @@ from gcs.core.separation.forward_flight import FlightPaths, simulate_flights
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import GROWTH_M_S, Encounter, encounters
 from gcs.core.separation.minima import LOST_SHARE, PREDICTED_SHARE, layer_step_m, min_distance_m
+from gcs.core.separation.predicted_flights import PredictedFlights
 from gcs.core.separation.separation_state import Approach
 from gcs.core.state import State
 from gcs.geo import wrap_pi
@@ -81,18 +82,19 @@ class SeparationMonitor:
         for one in in_air:
             self._note(one)
         effects: list[Effect] = [*self._return_heights.check(t_ns)]
-        flights = [self._intents.flight(one, t_ns) for one in in_air]
+        predicted = PredictedFlights(self._intents, t_ns)
+        flights = [predicted.of(one.system_id) for one in in_air]
         if len(flights) > 1:
             paths = simulate_flights(flights, LOOK_AHEAD_S)
             for encounter in encounters(paths, self._min_m, PREDICTED_SHARE * self._step_m):
-                effects += self._tell(encounter, {one.system_id: one for one in in_air}, t_ns)
+                effects += self._tell(encounter, predicted)
             self._note_still_near(paths, t_ns)
         aircraft = self._air_traffic.flights(t_ns) if flights else []
         if aircraft:
             paths = simulate_flights([*flights, *aircraft], LOOK_AHEAD_S)
             for encounter in encounters(paths, _AIRCRAFT_M, _AIRCRAFT_HEIGHT_M, growth_m_s=0.0):
                 if is_aircraft(encounter.vehicles[1]) and not is_aircraft(encounter.vehicles[0]):
-                    effects += self._tell_of_aircraft(encounter, t_ns)
+                    effects += self._tell_of_aircraft(encounter, predicted)
         return effects + self._end(t_ns)
 
     def _note(self, state: VehicleState) -> None:
@@ -117,8 +119,9 @@ class SeparationMonitor:
             gain = _GRADIENT_GAIN if seen.climb_gradient else 1.0
             seen.climb_gradient += gain * (gradient - seen.climb_gradient)
 
-    def _tell(self, encounter: Encounter, states: dict[int, VehicleState], t_ns: int) -> list[Effect]:
-        first, second = (states[vehicle] for vehicle in encounter.vehicles)
+    def _tell(self, encounter: Encounter, flights: PredictedFlights) -> list[Effect]:
+        t_ns = flights.t_ns
+        first, second = (flights.states[vehicle] for vehicle in encounter.vehicles)
         distance_m = math.hypot(first.east_m - second.east_m, first.north_m - second.north_m)
         height_m = abs(first.alt_msl_m - second.alt_msl_m)
         is_lost = distance_m < self._min_m and height_m < LOST_SHARE * self._step_m
@@ -135,7 +138,7 @@ class SeparationMonitor:
         if is_lost and (approach.nearest_m is None or distance_m < approach.nearest_m):
             approach.nearest_m = distance_m
             approach.nearest_height_m = height_m
-        avoided = self._avoid(encounter, approach, stage, t_ns)
+        avoided = self._avoid(encounter, approach, stage, flights)
         if stage <= approach.stage:
             return avoided
         approach.stage = stage
@@ -145,12 +148,13 @@ class SeparationMonitor:
         code = NoticeCode.SEPARATION_LOST if is_lost else NoticeCode.COMES_NEAR
         return [Notice(t_ns, code, encounter.vehicles[0], parameters), *avoided]
 
-    def _tell_of_aircraft(self, encounter: Encounter, t_ns: int) -> list[Effect]:
+    def _tell_of_aircraft(self, encounter: Encounter, flights: PredictedFlights) -> list[Effect]:
+        t_ns = flights.t_ns
         vehicle, number = encounter.vehicles
         approach = self._state.approaches.setdefault(encounter.vehicles, Approach(0, t_ns))
         approach.seen_t_ns = t_ns
         stage = sum(encounter.after_s <= at_s for at_s in WARNING_TIMES_S)
-        avoided = self._avoid(encounter, approach, stage, t_ns)
+        avoided = self._avoid(encounter, approach, stage, flights)
         if stage <= approach.stage:
             return avoided
         approach.stage = stage
@@ -158,15 +162,18 @@ class SeparationMonitor:
         parameters: dict[str, Parameter] = {"aircraft": approach.name, **self._figures(encounter)}
         return [Notice(t_ns, NoticeCode.AIRCRAFT_NEAR, vehicle, parameters), *avoided]
 
-    def _avoid(self, encounter: Encounter, approach: Approach, stage: int, t_ns: int) -> list[Effect]:
+    def _avoid(
+        self, encounter: Encounter, approach: Approach, stage: int, flights: PredictedFlights
+    ) -> list[Effect]:
         """Keep one of a pair apart from the other; for an aircraft once, since ADS-B can be forged."""
+        t_ns = flights.t_ns
         before_t_ns = approach.avoided_t_ns
         if before_t_ns is not None and is_aircraft(encounter.vehicles[1]):
             return []
-        effects = self._avoidances.stack(encounter, t_ns)
-        is_due = stage > 1 or self._avoidances.is_last_chance(encounter, t_ns)
+        effects = self._avoidances.stack(encounter, flights)
+        is_due = stage > 1 or self._avoidances.is_last_chance(encounter, flights)
         if not effects and is_due and (before_t_ns is None or t_ns - before_t_ns >= _AGAIN_NS):
-            effects = self._avoidances.hold(encounter, t_ns)
+            effects = self._avoidances.hold(encounter, flights)
         if effects:
             approach.avoided_t_ns = t_ns
         return effects

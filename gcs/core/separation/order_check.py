@@ -10,11 +10,9 @@ from a vehicle that is nearer now.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
-
-import numpy as np
 
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
@@ -133,19 +131,17 @@ class OrderCheck:
         problem = self._zones.problem(hold, for_s, self._zones.margin_m)
         return problem if problem and problem != self._zones.problem(present, for_s) else ""
 
-    def release_problem(self, vehicle: int, t_ns: int) -> str:
+    def release_problem(self, vehicle: int, flights: PredictedFlights) -> str:
         """Return what one that holds would come near to if it flew on: a vehicle, the ground, or a zone.
 
         Empty also if that is better than to hold on.
         """
-        states = {state.system_id: state for state in self.intents.flying(t_ns)}
-        state = states.pop(vehicle, None)
-        if state is None:
+        if vehicle not in flights.states:
             return ""
-        others = self._flights(states.values(), t_ns)
-        led = self.intents.flight(state, t_ns, AUTO)
+        others = self._others(vehicle, flights)
+        led = flights.of(vehicle, AUTO)
         conflicts = [*self._met(led, others, is_return=False, margin=_RELEASE_MARGIN)]
-        present = self.intents.flight(state, t_ns)
+        present = flights.of(vehicle)
         below_m = self._below_band_m(led, _CLIMB_LAG_S)
         if below_m > max(_OFF_BAND_M, self._below_band_m(present)):
             return f"would fly {below_m:.0f} m below the flight band"
@@ -162,27 +158,27 @@ class OrderCheck:
             return -math.inf
         return self._ground.below_band_m(flight, _AHEAD_S, lag_s)
 
-    def should_hold_before_zone(self, vehicle: int, t_ns: int) -> bool:
+    def should_hold_before_zone(self, vehicle: int, flights: PredictedFlights) -> bool:
         """Return True if a flight leads into a zone, and a hold is clear of areas, the ground and others."""
-        state = next((one for one in self.intents.flying(t_ns) if one.system_id == vehicle), None)
-        if state is None or not self._zones.first(self.intents.flight(state, t_ns), _ZONE_AHEAD_S):
+        if vehicle not in flights.states or not self._zones.first(flights.of(vehicle), _ZONE_AHEAD_S):
             return False
-        hold = self.intents.flight(state, t_ns, LOITER)
+        hold = flights.of(vehicle, LOITER)
         for_s = _round_s(hold)
         is_clear = self._zones.is_on_map(hold, for_s) and not self._zones.problem(
             hold, for_s, self._zones.margin_m
         )
-        return is_clear and self.circles_in_band(vehicle, t_ns) and self.hold_gain(vehicle, t_ns) > -_WORSE
+        return (
+            is_clear and self.circles_in_band(vehicle, flights) and self.hold_gain(vehicle, flights) > -_WORSE
+        )
 
-    def circles_in_band(self, vehicle: int, t_ns: int, *, is_late: bool = False) -> bool:
+    def circles_in_band(self, vehicle: int, flights: PredictedFlights, *, is_late: bool = False) -> bool:
         """Return True if a vehicle that holds now stays inside the flight band.
 
         With `is_late` it may be above the band, and below it by `_LATE_OFF_BAND_M`.
         """
-        state = next((one for one in self.intents.flying(t_ns) if one.system_id == vehicle), None)
-        if state is None:
+        if vehicle not in flights.states:
             return True
-        below_m, above_m = self._departures_m(self.intents.flight(state, t_ns, LOITER))
+        below_m, above_m = self._departures_m(flights.of(vehicle, LOITER))
         if is_late:
             return below_m <= _LATE_OFF_BAND_M
         return max(below_m, above_m) <= _OFF_BAND_M
@@ -224,7 +220,8 @@ class OrderCheck:
             return ""
         present = self.intents.flight(state, t_ns)
         led = self._led(state, route, t_ns)
-        others = self._flights(near.values(), t_ns)
+        others = [self.intents.flight(one, t_ns) for one in near.values()]
+        others += self._air_traffic.flights(t_ns)
         begun = [self._led(near[v], one, t_ns) for v, one in uploading.items() if v in near]
         problem = self._worse(led, present, [*others, *begun], (False, state.mode == RTL))
         led_away = [one for one in others if one.vehicle not in uploading]
@@ -258,20 +255,18 @@ class OrderCheck:
         climb = self.intents.first_climb(state, legs[0].height_m)
         return replace(self.intents.flight(state, t_ns), goals=(*climb, *legs, Goal(GoalKind.KEEP)))
 
-    def hold_gain(self, vehicle: int, t_ns: int) -> float:
+    def hold_gain(self, vehicle: int, flights: PredictedFlights) -> float:
         """Return how much farther from all others a vehicle stays if it holds now, as a share of the minimum.
 
         Negative if a hold leads it nearer.
         """
-        states = {state.system_id: state for state in self.intents.flying(t_ns)}
-        state = states.pop(vehicle, None)
-        if state is None:
+        if vehicle not in flights.states:
             return 0.0
-        others = self._flights(states.values(), t_ns)
-        held = self.intents.flight(state, t_ns, LOITER)
-        present = self.intents.flight(state, t_ns)
+        held = flights.of(vehicle, LOITER)
+        present = flights.of(vehicle)
         if self._ground_problem(held) or self._hold_problem(held, present):
             return -math.inf
+        others = self._others(vehicle, flights)
         return self._nearness(held, others) - self._nearness(present, others)
 
     def holds_clear(self, vehicle: int, flights: PredictedFlights, after_s: float = 0.0) -> bool:
@@ -288,7 +283,7 @@ class OrderCheck:
         )
         if max(self._departures_m(hold)) > _OFF_BAND_M or self._hold_problem(hold, flights.of(vehicle)):
             return False
-        others = [*flights.others(vehicle, {}), *self._air_traffic.flights(t_ns)]
+        others = self._others(vehicle, flights)
         if any(self._overlapping(hold, others)):
             return False
         reach_m = self.intents.reach_m(state, _AHEAD_S) + _HOLD_MARGIN * self._min_m
@@ -303,9 +298,9 @@ class OrderCheck:
         found = encounters(paths, _HOLD_MARGIN * self._min_m, self._min_height_m, growth_m_s=0.0)
         return not any(vehicle in one.vehicles for one in found)
 
-    def _flights(self, states: Iterable[VehicleState], t_ns: int) -> list[Flight]:
-        """Return what other vehicles fly now, and aircraft."""
-        return [self.intents.flight(one, t_ns) for one in states] + self._air_traffic.flights(t_ns)
+    def _others(self, vehicle: int, flights: PredictedFlights) -> list[Flight]:
+        """Return what all others than a vehicle fly now, and aircraft."""
+        return [*flights.others(vehicle, {}), *self._air_traffic.flights(flights.t_ns)]
 
     def _nearness(self, own: Flight, others: list[Flight]) -> float:
         return _nearest([*self._met(own, others, is_return=False), *self._overlapping(own, others)])
@@ -435,17 +430,21 @@ class OrderCheck:
 
         These are circles that they fly now, or with `last` those at the ends of their flights.
         """
-        circle = _circle(own.goals[-1])
-        for other in others if circle is not None else ():
+        circle = own.goals[-1]
+        for other in others if _is_endless(circle) else ():
+            if not last and other.goals[0].kind is not GoalKind.CIRCLE:
+                continue
             is_circling = all(goal.kind is GoalKind.CIRCLE for goal in other.goals)  # a PX4 descends in it
-            theirs = _circle(other.goals[-1 if last or is_circling else 0])
-            if circle is None or theirs is None:
+            theirs = other.goals[-1 if last or is_circling else 0]
+            if not _is_endless(theirs):
                 continue
             height_m = abs(circle.height_m - theirs.height_m)
             between_m = math.dist((circle.east_m, circle.north_m), (theirs.east_m, theirs.north_m))
-            outside_m = between_m - circle.radius_m - theirs.radius_m
-            inside_m = abs(circle.radius_m - theirs.radius_m) - between_m
-            apart_m = max(outside_m, inside_m, 0.0)
+            radius_m = abs(circle.radius_m)
+            their_radius_m = abs(theirs.radius_m)
+            apart_m = max(
+                between_m - radius_m - their_radius_m, abs(radius_m - their_radius_m) - between_m, 0.0
+            )
             if apart_m < self._min_m and height_m < self._min_height_m:
                 yield _Conflict(
                     max(apart_m / self._min_m, height_m / self._min_height_m),
@@ -477,8 +476,6 @@ def _nearest(conflicts: Sequence[_Conflict]) -> float:
     return min((one.nearness for one in conflicts), default=_CLEAR)
 
 
-def _circle(goal: Goal) -> Goal | None:
-    """Return the circle that a vehicle flies without end; None if it flies none."""
-    if goal.kind is not GoalKind.CIRCLE or np.isfinite(goal.for_s):
-        return None
-    return replace(goal, radius_m=abs(goal.radius_m))
+def _is_endless(goal: Goal) -> bool:
+    """Return True if a goal is a circle that a vehicle flies without end."""
+    return goal.kind is GoalKind.CIRCLE and math.isinf(goal.for_s)

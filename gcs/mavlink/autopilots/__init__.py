@@ -28,6 +28,7 @@ __all__ = [
 ]
 
 PROFILES: Final = (ARDUPLANE, PX4)
+_BY_AUTOPILOT: Final = {profile.autopilot: profile for profile in PROFILES}
 _VTOL_TYPES: Final = range(19, 26)
 _FIXED_WINGS: Final = frozenset({dialect.MAV_TYPE_FIXED_WING, *_VTOL_TYPES})
 """ArduPilot's copters and rovers use the same mode numbers with other meanings."""
@@ -35,9 +36,7 @@ _FIXED_WINGS: Final = frozenset({dialect.MAV_TYPE_FIXED_WING, *_VTOL_TYPES})
 
 def profile_of(autopilot: int, vehicle_type: int = dialect.MAV_TYPE_FIXED_WING) -> AutopilotProfile | None:
     """Return the profile for a heartbeat's MAV_AUTOPILOT and MAV_TYPE; None if there is none."""
-    if vehicle_type not in _FIXED_WINGS:
-        return None
-    return next((profile for profile in PROFILES if profile.autopilot == autopilot), None)
+    return _BY_AUTOPILOT.get(autopilot) if vehicle_type in _FIXED_WINGS else None
 
 
 def mode_name(heartbeat: Message) -> str:

@@ -9,6 +9,7 @@ from helpers.staging import S
 from gcs.config.schema import TerrainTable
 from gcs.core.separation.look_ahead import Encounter
 from gcs.core.separation.order_check import _Conflict
+from gcs.core.separation.predicted_flights import PredictedFlights
 from gcs.core.separation.separation_state import Approach
 from gcs.core.separation.traffic_reports import FIRST_ADSB as AIRCRAFT
 from gcs.core.snapshot import decode_state, encode_state
@@ -106,7 +107,7 @@ def test_a_vehicle_that_holds_does_not_fly_on_into_higher_ground_beside_its_rout
     ((_, notice),) = sky.told(NoticeCode.AVOIDS)
     vehicle = notice.vehicle
     order_check = sky.run_.engine.stages.avoidances._order_check
-    while order_check.release_problem(vehicle, sky.run_.t_ns):
+    while order_check.release_problem(vehicle, order_check.predict(sky.run_.t_ns)):
         fly_on(sky, 0.4)
     t_ns = sky.run_.t_ns
     state = sky.run_.engine.stages.fleet.state(vehicle)
@@ -119,7 +120,7 @@ def test_a_vehicle_that_holds_does_not_fly_on_into_higher_ground_beside_its_rout
     )
     order_check._ground._elevation = elevation_of(hill(*place_m, 60.0, 60.0, 70.0), 3000.0)
     order_check._ground._terrain = TerrainTable(file="ground.tif", min_agl_m=50.0, max_agl_m=150.0)
-    assert order_check.release_problem(vehicle, t_ns).endswith("m below the flight band")
+    assert order_check.release_problem(vehicle, order_check.predict(t_ns)).endswith("m below the flight band")
 
 
 @pytest.mark.parametrize("px4", [(), (1, 2)])
@@ -191,16 +192,17 @@ def test_neither_of_two_that_land_or_take_off_is_held():
         agent.flight.phase = FlightPhase.LANDING
     avoidances = sky.run_.engine.stages.avoidances
     place_m = (1500.0, 1500.0, 130.0)
-    assert not avoidances.hold(Encounter((1, 2), 9.0, 10.0, 0.0, place_m), sky.run_.t_ns)
+    flights = avoidances._order_check.predict(sky.run_.t_ns)
+    assert not avoidances.hold(Encounter((1, 2), 9.0, 10.0, 0.0, place_m), flights)
 
 
 class Holds:
     """Avoidances that always hold one of a pair."""
 
-    def stack(self, encounter, t_ns):
+    def stack(self, encounter, flights):
         return []
 
-    def hold(self, encounter, t_ns):
+    def hold(self, encounter, flights):
         return ["held"]
 
 
@@ -213,7 +215,10 @@ def test_a_pair_that_still_comes_near_is_kept_apart_again_but_an_aircraft_holds_
     monitor._avoidances = Holds()
     approach = Approach(2, 0)
     encounter = Encounter((1, other), 9.0, 10.0, 0.0, (0.0, 0.0, 0.0))
-    told = [t_s for t_s in range(25) if monitor._avoid(encounter, approach, 2, t_s * S)]
+    intents = monitor._intents
+    told = [
+        t_s for t_s in range(25) if monitor._avoid(encounter, approach, 2, PredictedFlights(intents, t_s * S))
+    ]
     assert told == held_s
 
 
@@ -221,11 +226,12 @@ def test_a_vehicle_that_holds_flies_on_when_its_mission_leads_near_no_other():
     """It flew on into another one, since its circle was as near to that at the time."""
     sky = Sky((500.0, 1500.0, 60.0)).fly(8.0)
     check = sky.run_.engine.stages.avoidances._order_check
+    flights = check.predict(sky.run_.t_ns)
     conflict = _Conflict(0.5, "come near agent 2", 2)
     check._met = lambda own, others, is_return, margin: iter([conflict])
     check._nearness = lambda own, others: 0.5
-    assert check.release_problem(1, sky.run_.t_ns) == "would come near agent 2"
+    assert check.release_problem(1, flights) == "would come near agent 2"
     check._nearness = lambda own, others: 0.2  # to hold on is worse
-    assert check.release_problem(1, sky.run_.t_ns) == ""
+    assert check.release_problem(1, flights) == ""
     check._met = lambda own, others, is_return, margin: iter([])
-    assert check.release_problem(1, sky.run_.t_ns) == ""
+    assert check.release_problem(1, flights) == ""
