@@ -19,11 +19,13 @@ PLANNING: Final = "gcs.planning.warm_up"
 LINKS: Final = "gcs.mavlink.fleet.fast_telemetry"
 TERRAIN: Final = "gcs.planning.terrain.warm_up"
 """Routes over terrain, for missions with `[terrain]` only."""
-FLYING: Final = (TRACKING, PLANNING, LINKS)
+SEPARATION: Final = "gcs.core.separation.flight_steps"
+FLYING: Final = (TRACKING, PLANNING, LINKS, SEPARATION)
 ALL: Final = (*FLYING, HISTORIES, STATE_SPACE, TERRAIN)
 _NAMES: Final = {
     TRACKING: "trackers", HISTORIES: "trajectories", PLANNING: "planner", LINKS: "links",
-    TERRAIN: "routes over terrain", STATE_SPACE: "trackers with other models",
+    TERRAIN: "routes over terrain", SEPARATION: "predicted flights",
+    STATE_SPACE: "trackers with other models",
 }  # fmt: skip
 
 

@@ -26,8 +26,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.config import Config
 from gcs.config.airframe import density_ratio
 from gcs.core.preflight.return_heights import ReturnHeightMonitor
+from gcs.core.separation.flight_steps import CLIMB_M_S
 from gcs.core.separation.forward_flight import (
-    CLIMB_M_S,
     STEP_S,
     Flight,
     Goal,

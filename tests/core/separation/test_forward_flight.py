@@ -4,7 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from helpers import plain_flight_steps
 
+from gcs.core.separation import forward_flight
 from gcs.core.separation.forward_flight import Flight, Goal, GoalKind, simulate_flights
 from gcs.core.separation.look_ahead import encounters
 from gcs.geo import LocalFrame
@@ -213,3 +215,31 @@ def test_a_circle_that_begins_at_its_centre_is_entered_on_its_own_side(course_de
     east_m, north_m = paths.east_m[-1, 0] - 500.0, paths.north_m[-1, 0] - 500.0
     to_the_right_m = east_m * np.cos(course_rad) - north_m * np.sin(course_rad)
     assert side * to_the_right_m > 10.0
+
+
+def random_goal(rng):
+    kind = GoalKind(rng.integers(6))
+    place = rng.uniform(-300.0, 300.0, 2).tolist()
+    radius_m = rng.choice([-60.0, 60.0]) if kind is GoalKind.CIRCLE else 15.0
+    return Goal(kind, *place, radius_m, rng.uniform(50.0, 200.0), rng.choice([10.0, np.inf]))
+
+
+def random_flight(rng, vehicle, wind_m_s):
+    goals = tuple(random_goal(rng) for _ in range(rng.integers(1, 5)))
+    more = {
+        "climb_m_s": rng.uniform(-2.0, 4.0), "turn_rate_rad_s": rng.uniform(-0.3, 0.3),
+        "climb_gradient": 0.2, "height_error_m": 5.0, "age_s": rng.uniform(0.0, 2.0), "wind_m_s": wind_m_s,
+    }  # fmt: skip
+    place = tuple(rng.uniform(-300.0, 300.0, 2).tolist())
+    return flight(vehicle, place, rng.uniform(0.0, 150.0), rng.uniform(0.0, 360.0), goals, **more)
+
+
+@pytest.mark.parametrize("wind_m_s", [(0.0, 0.0), (6.0, -4.0)])
+def test_the_kernel_flies_as_its_plain_form(wind_m_s, monkeypatch):
+    rng = np.random.default_rng(0)
+    flights = [random_flight(rng, vehicle, wind_m_s) for vehicle in range(200)]
+    found = simulate_flights(flights, 60.0)
+    monkeypatch.setattr(forward_flight, "fill_paths", plain_flight_steps.fill_paths)
+    expected = simulate_flights(flights, 60.0)
+    for one, other in zip(found._arrays, expected._arrays, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-6)

@@ -1,0 +1,120 @@
+"""The steps of forward flight for all vehicles at once, in numpy: the plain form of the kernel."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gcs.core.separation.flight_steps import (
+    AT_CENTRE_M,
+    BEHIND_RAD,
+    CIRCLE,
+    CLIMB,
+    CLIMB_M_S,
+    CLIMB_SPREAD,
+    CONVERGENCE_S,
+    DRIFT,
+    LAND,
+    LEVEL_S,
+    LOW_SPEED_M_S,
+    MAX_CLIMB_M_S,
+    ON_CIRCLE,
+    WAYPOINT,
+)
+from gcs.core.separation.forward_flight import _over_ground
+from gcs.model import FloatArray, IntArray
+
+
+def fill_paths(
+    table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray, step_s: float
+) -> None:
+    """Fill (4, k, n) with east, north, lower and upper height."""
+    rows = np.arange(len(last))
+    goal = np.zeros_like(last)
+    columns = state.T.copy()
+    east, north, height, speed, course, climb, turn_rate, max_rate, age, gradient, error_m = columns[:11]
+    wind_east, wind_north, airspeed = columns[11:]
+    is_windy = bool(wind_east.any() or wind_north.any())
+    ahead = np.maximum(speed - wind_east * np.sin(course) - wind_north * np.cos(course), LOW_SPEED_M_S)
+    lateral = turn_rate * speed / ahead  # by airspeed
+    low = height - error_m
+    high = height + error_m
+    in_air = np.ones(len(last), dtype=bool)
+    circled_s = np.zeros(len(last))
+    rising = np.maximum(climb, gradient * speed)
+    dt = step_s + age  # the first step makes up for the age of the state
+    paths[:, 0] = east + speed * age * np.sin(course), north + speed * age * np.cos(course), low, high
+    closest = np.full(len(last), np.inf)  # to the goal, since it is the goal
+    was_ahead = np.zeros(len(last), dtype=bool)
+    is_new = True
+    is_any_done = False
+    for k in range(1, paths.shape[1]):
+        if is_new or is_any_done:
+            kind, to_east, to_north, radius, to_height, for_s = table[rows, goal].T
+            is_leg = (kind == WAYPOINT) | (kind == LAND)
+            is_circle = kind == CIRCLE
+            is_climb = kind == CLIMB
+            keeps = (kind == 0.0) | (kind == DRIFT)
+            circle = np.maximum(np.abs(radius), 1.0)
+            side = np.where(radius < 0.0, -1.0, 1.0)
+            accept = np.maximum(radius, 0.0)
+            is_new = False
+        ahead_east = to_east - east
+        ahead_north = to_north - north
+        away = np.hypot(ahead_east, ahead_north)
+        closest = np.minimum(closest, away)
+        bearing = np.where(away > AT_CENTRE_M, np.arctan2(ahead_east, ahead_north), course + np.pi)
+        # Round a circle: the tangent, half a step ahead.
+        inwards = np.arctan((away - circle) / (speed * CONVERGENCE_S))
+        lead = 0.5 * speed * dt / np.maximum(away, 0.5 * circle)
+        bearing += is_circle * (np.pi + side * (0.5 * np.pi + inwards + lead))
+        error = (bearing - course + np.pi) % (2.0 * np.pi) - np.pi
+        turned = np.minimum(np.maximum(error, -max_rate * dt), max_rate * dt)
+        turned = np.where(keeps, turn_rate * dt, turned * ~is_climb)
+        course += 0.5 * turned
+        if is_windy:
+            speed, ahead = _over_ground(course, airspeed, wind_east, wind_north)
+            turn_rate = lateral * ahead / speed
+        moved = speed * dt * in_air
+        east += moved * np.sin(course)
+        north += moved * np.cos(course)
+        course += 0.5 * turned
+        # Heights change at once, or evenly up to the goal.
+        change = CLIMB_M_S * dt
+        most = MAX_CLIMB_M_S * dt
+        on_circle = is_circle & (away <= ON_CIRCLE * circle)
+        left = np.hypot(to_east - east, to_north - north)
+        share = np.maximum(1.0 - left / np.maximum(closest, 1e-3), 0.0)
+        share = np.where(on_circle, np.minimum(moved / np.maximum(away, 1e-3), 1.0), share)
+        up = to_height - low
+        up_high = to_height - high
+        at_once = np.minimum(np.maximum(up, -change), change)
+        at_once_high = np.minimum(np.maximum(up_high, -change), change)
+        evenly = np.minimum(np.maximum(up * share, -most), most)
+        evenly_high = np.minimum(np.maximum(up_high * share, -most), most)
+        drift = climb * dt * ((k * step_s <= LEVEL_S) | (kind == DRIFT))
+        by_goal = is_leg | is_circle
+        low += np.where(by_goal, np.minimum(at_once, evenly), np.minimum(drift, 0.0) * ~is_climb)
+        high += np.where(by_goal, np.maximum(at_once_high, evenly_high), np.maximum(drift, 0.0) * ~is_climb)
+        low += is_climb * (1.0 - CLIMB_SPREAD) * rising * dt
+        high += is_climb * (1.0 + CLIMB_SPREAD) * rising * dt
+        high = np.where(is_climb, np.minimum(high, np.maximum(to_height, height)), high)
+        is_done = is_climb & (0.5 * (low + high) >= to_height)
+        is_behind = np.abs(error) > BEHIND_RAD
+        is_passed = is_behind & was_ahead & (away < 2.0 * speed / max_rate)
+        was_ahead |= ~is_behind
+        is_done |= is_leg & ((away <= accept + moved) | is_passed)
+        circled_s = (circled_s + dt) * on_circle
+        is_done |= is_circle & (circled_s >= for_s)
+        is_any_done = bool(is_done.any())
+        if is_any_done:
+            in_air &= ~(is_done & (kind == LAND))
+            circled_s[is_done] = 0.0
+            closest[is_done] = np.inf
+            was_ahead[is_done] = False
+            goal = np.where(is_done, np.minimum(goal + 1, last), goal)
+        paths[0, k] = east
+        paths[1, k] = north
+        paths[2, k] = low
+        paths[3, k] = high
+        paths[2:, k, ~in_air] = np.nan
+        dt = step_s
