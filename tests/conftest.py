@@ -23,6 +23,9 @@ from gcs.model import NoticeCode
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
 
+gc.set_threshold(100_000, 10, 10)
+"""With Python's 700, each worker imports the test files in 14 s instead of 10 s."""
+
 IS_REWORDED = bool(os.environ.get("SWARM_GCS_REWORD"))
 if IS_REWORDED:
     reword_notices()
