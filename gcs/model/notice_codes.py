@@ -606,13 +606,13 @@ class NoticeCode(TableCode):
     ORDER_WAITS = _vehicle(
         "order-waits",
         _A,
-        "its order to {action} waits, it {reason}: it flies on until they are apart. Order it again to "
+        "its order to {action} waits, it {reason}: it flies on until it is clear. Order it again to "
         "{action} it at once",
-        "to hold or return now would lead it near another vehicle",
+        "to hold or return now would lead it near another vehicle, or to hold into a zone or an obstacle",
         "wait; give the order again to carry it out at once",
     )
     ORDER_BEGINS = _vehicle(
-        "order-begins", _I, "is clear of others: its order to {action} is carried out", ends="order-waits"
+        "order-begins", _I, "is clear: its order to {action} is carried out", ends="order-waits"
     )
     RETURN_ROUTE_PROBLEM = _vehicle(
         "return-route-problem",
@@ -1518,9 +1518,10 @@ class NoticeCode(TableCode):
         "order-refused",
         _W,
         "order {action} refused: {detail}",
-        "`would come within`, `would circle within`: a mission or mode would lead it near another vehicle. "
+        "`would come within`, `would circle within`, `would fly into`: a mission or mode would lead it near "
+        "another vehicle or the ground, or into a zone. "
         "`is not the plan that was shown any more`: the plan has changed; nothing was uploaded",
-        "resume it when they are apart; read the new plan",
+        "resume it when it is clear; read the new plan",
     )
     ORDER_FAILED = _vehicle(
         "order-failed",

@@ -22,6 +22,7 @@ CACHES: frozenset[str] = frozenset(
         "gcs.tracking.glmb.filter.Glmb.detection_summary",
         "gcs.core.airspace.no_fly_zones.NoFlyZones.closed",  # cells of the closed zones, drawn from the state
         "gcs.core.airspace.no_fly_zones.NoFlyZones.obstacles",
+        "gcs.core.airspace.no_fly_zones.NoFlyZones.limited",
         "gcs.core.airspace.obstacle_map.ObstacleMap.grid",
         "gcs.core.airspace.obstacle_map.ObstacleMap.near_ground",
         "gcs.core.airspace.obstacle_map.ObstacleMap.low_areas",

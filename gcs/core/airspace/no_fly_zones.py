@@ -6,7 +6,6 @@ A zone blocks every grid cell that it overlaps, like an obstacle of the map, at 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -96,14 +95,16 @@ class NoFlyZones:
         areas = {name: closed_area(full, zone) for name, zone in self._state.zones.items()}
         self.closed = {name: self._closed(area) for name, area in areas.items()}
         self.obstacles = self._open.with_areas(areas.values())
+        self.__dict__.pop("limited", None)
 
     def _closed(self, area: LimitedArea) -> ClosedZone:
         cells = blocked_by(free_grid_like(self._open.full), [area])
         return ClosedZone(cells, area.limits, self._open)
 
-    def limited(self) -> Iterator[ClosedZone]:
-        """Yield all areas with vertical limits, those of the mission as well."""
-        return map(self._closed, self.obstacles.limited)
+    @cached_property
+    def limited(self) -> list[ClosedZone]:
+        """All areas with vertical limits, those of the mission as well."""
+        return [self._closed(area) for area in self.obstacles.limited]
 
     def contain(self, place: Point) -> bool:
         """Return True if a position in an altitude layer is in a closed zone."""

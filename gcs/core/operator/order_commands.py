@@ -127,7 +127,7 @@ class OrderCommands:
             if not self._layers.is_clear(route, list(flown), positions):
                 return LOITER  # the next plan has a layer for it
             routes.adopt(route)
-        is_clear = not self._order_check.leads_near_ground(vehicle, AUTO, t_ns)
+        is_clear = self._order_check.mission_is_clear(vehicle, t_ns)
         if self._tasking.may_fly(vehicle) and is_clear and self._landing_order.claim(vehicle, t_ns):
             return AUTO
         if vehicle not in self._state.tasking.stages:

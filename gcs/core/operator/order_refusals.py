@@ -167,7 +167,7 @@ class OrderRefusals:
         return f"would take off at once, and {reason}, then order it again" if reason else ""
 
     def _leads_near(self, vehicle: int, resumed: Collection[int], flights: PredictedFlights) -> str:
-        """Return which vehicle a resumed one would come near to; empty if none."""
+        """Return which vehicle, ground, zone or obstacle a resumed one would come near to; empty if none."""
         state = self._fleet.state(vehicle)
         t_ns = flights.t_ns
         mode = self._resumed_mode(vehicle, t_ns)
@@ -176,7 +176,7 @@ class OrderRefusals:
             return ""
         modes = {other: self._resumed_mode(other, t_ns) for other in (*resumed, vehicle)}
         problem = self._order_check.problem(vehicle, ordered_modes(self._agents) | modes, flights)
-        return f"{problem}: resume it when they are apart" if problem else ""
+        return f"{problem}: resume it when it is clear" if problem else ""
 
     def _resumed_mode(self, vehicle: int, t_ns: int) -> str:
         """Return AUTO for a vehicle that can fly on with its mission, else LOITER, where it waits for one.
@@ -189,7 +189,7 @@ class OrderRefusals:
         if suspended is not None and suspended.heights_msl_m is not None:
             return LOITER
         is_stored = onboard is not None and onboard.route.is_same(suspended or agent.routes.flown)
-        return AUTO if is_stored and not self._order_check.leads_near_ground(vehicle, AUTO, t_ns) else LOITER
+        return AUTO if is_stored and self._order_check.mission_is_clear(vehicle, t_ns) else LOITER
 
 
 def _stands(state: VehicleState) -> bool:

@@ -245,8 +245,12 @@ class Intents:
 
     def first_climb(self, state: VehicleState, height_msl_m: float) -> Iterator[Goal]:
         """Yield the climb of a vehicle that begins a mission now, with its first point at a height."""
-        if self._climbs_first(state, height_msl_m) and state.mode != AUTO:
+        if self._climbs_first(state, height_msl_m) and self._noted_mode(state) != AUTO:
             yield self._circle_up(state, FirstClimb(state.east_m, state.north_m, height_msl_m))
+
+    def _noted_mode(self, state: VehicleState) -> str:
+        """Return the mode at the last look at a vehicle: what it began since is not noted yet."""
+        return self._agents[state.system_id].separation.mode or state.mode
 
     def _climbs_first(self, state: VehicleState, height_msl_m: float) -> bool:
         profile = self._fleet.profile(state.system_id)

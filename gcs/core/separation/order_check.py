@@ -106,9 +106,30 @@ class OrderCheck:
         ordered = flights.of(vehicle, modes[vehicle])
         is_return = modes[vehicle] == RTL, flights.states[vehicle].mode == RTL
         near_ground = "" if modes[vehicle] == AUTO else self._ground_problem(ordered)
-        return near_ground or self._worse(
-            ordered, flights.of(vehicle), flights.others(vehicle, modes), is_return
+        return (
+            near_ground
+            or self._area_problem(vehicle, modes[vehicle], flights)
+            or self._worse(ordered, flights.of(vehicle), flights.others(vehicle, modes), is_return)
         )
+
+    def _area_problem(self, vehicle: int, mode: str, flights: PredictedFlights) -> str:
+        """Return which zone or obstacle a mode leads a vehicle to; empty if to none, or as it flies now.
+
+        RTL flies straight home. Routes keep clear of obstacles.
+        """
+        ordered = flights.of(vehicle, mode)
+        present = flights.of(vehicle)
+        if mode == LOITER:
+            return self._hold_problem(ordered, present)
+        zone = self._zones.first(ordered, _ZONE_AHEAD_S) if mode == AUTO else ""
+        is_worse = bool(zone) and zone != self._zones.first(present, _ZONE_AHEAD_S)
+        return f"would fly into no-fly zone {zone}" if is_worse else ""
+
+    def _hold_problem(self, hold: Flight, present: Flight) -> str:
+        """Return which zone or obstacle a hold leads to; empty if to none, or as the present flight does."""
+        for_s = _round_s(hold)
+        problem = self._zones.problem(hold, for_s, self._zones.margin_m)
+        return problem if problem and problem != self._zones.problem(present, for_s) else ""
 
     def release_problem(self, vehicle: int, t_ns: int) -> str:
         """Return what one that holds would come near to if it flew on: a vehicle, the ground, or a zone.
@@ -145,8 +166,11 @@ class OrderCheck:
         if state is None or not self._zones.first(self.intents.flight(state, t_ns), _ZONE_AHEAD_S):
             return False
         hold = self.intents.flight(state, t_ns, LOITER)
-        is_clear = self._zones.is_clear(hold, _round_s(hold)) and self.circles_in_band(vehicle, t_ns)
-        return is_clear and self.hold_gain(vehicle, t_ns) > -_WORSE
+        for_s = _round_s(hold)
+        is_clear = self._zones.is_on_map(hold, for_s) and not self._zones.problem(
+            hold, for_s, self._zones.margin_m
+        )
+        return is_clear and self.circles_in_band(vehicle, t_ns) and self.hold_gain(vehicle, t_ns) > -_WORSE
 
     def circles_in_band(self, vehicle: int, t_ns: int, *, is_late: bool = False) -> bool:
         """Return True if a vehicle that holds now stays inside the flight band.
@@ -171,12 +195,13 @@ class OrderCheck:
             return ""
         return f"would come within {found.agl_m:.0f} m of the ground in {found.after_s:.0f} s"
 
-    def leads_near_ground(self, vehicle: int, mode: str, t_ns: int) -> bool:
-        """Return True if a mode would lead a vehicle in the air near the ground from where it is now."""
-        states = {state.system_id: state for state in self.intents.in_air(t_ns)}
-        if vehicle not in states:
-            return False
-        return bool(self._ground_problem(self.intents.flight(states[vehicle], t_ns, mode)))
+    def mission_is_clear(self, vehicle: int, t_ns: int) -> bool:
+        """Return True if AUTO leads a vehicle neither near the ground nor into a zone from where it is."""
+        flights = self.predict(t_ns)
+        if vehicle not in {state.system_id for state in self.intents.in_air(t_ns)}:
+            return True
+        near_ground = self._ground_problem(flights.of(vehicle, AUTO))
+        return not (near_ground or self._area_problem(vehicle, AUTO, flights))
 
     def return_warning(self, vehicles: Collection[int]) -> str:
         """Return which vehicles would return by RTL at one height, in words; empty if none would."""
@@ -242,9 +267,9 @@ class OrderCheck:
             return 0.0
         others = self._flights(states.values(), t_ns)
         held = self.intents.flight(state, t_ns, LOITER)
-        if self._ground_problem(held):
-            return -math.inf
         present = self.intents.flight(state, t_ns)
+        if self._ground_problem(held) or self._hold_problem(held, present):
+            return -math.inf
         return self._nearness(held, others) - self._nearness(present, others)
 
     def holds_clear(self, vehicle: int, flights: PredictedFlights, after_s: float = 0.0) -> bool:
@@ -259,7 +284,7 @@ class OrderCheck:
             if after_s
             else flights.of(vehicle, LOITER)
         )
-        if max(self._departures_m(hold)) > _OFF_BAND_M:
+        if max(self._departures_m(hold)) > _OFF_BAND_M or self._hold_problem(hold, flights.of(vehicle)):
             return False
         others = [*flights.others(vehicle, {}), *self._air_traffic.flights(t_ns)]
         if any(self._overlapping(hold, others)):

@@ -1,13 +1,17 @@
-"""Zones ahead: which no-fly zone a predicted flight leads into, and whether it is clear of all areas."""
+"""Zones ahead: which no-fly zone a predicted flight leads into, and whether it is clear of obstacles, too."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import pairwise
+from typing import Final
 
 from gcs.core.airspace.no_fly_zones import ClosedZone, NoFlyZones
 from gcs.core.separation.forward_flight import Flight, simulate_flights
 from gcs.planning.map.line_of_sight import line_of_sight
+
+_OFF_M: Final = 20.0
+"""Distance by which predicted circles are off."""
 
 
 class ZonesAhead:
@@ -17,12 +21,13 @@ class ZonesAhead:
     ----------
     zones : NoFlyZones
     clearance_m : float
-        Horizontal distance that a clear flight keeps from what reaches from the ground to the sky.
+        Horizontal distance that routes keep from what reaches from the ground to the sky.
     """
 
     def __init__(self, zones: NoFlyZones, clearance_m: float) -> None:
         self._zones = zones
-        self._clearance_m = clearance_m
+        self.margin_m = min(clearance_m, _OFF_M)
+        """Distance that a predicted circle should keep from obstacles."""
 
     def first(self, flight: Flight, ahead_s: float) -> str:
         """Return the name of the first closed zone that a flight leads into; empty if it leads into none."""
@@ -33,14 +38,20 @@ class ZonesAhead:
                     return name
         return ""
 
-    def is_clear(self, flight: Flight, ahead_s: float) -> bool:
-        """Return True if a flight stays on the map, and clear of all obstacles and closed zones."""
+    def problem(self, flight: Flight, ahead_s: float, margin_m: float = 0.0) -> str:
+        """Return which zone or obstacle a flight meets, or comes near to, in words; empty if none."""
+        if zone := self.first(flight, ahead_s):
+            return f"would fly into no-fly zone {zone}"
         full = self._zones.obstacles.full
         legs = list(_legs(flight, ahead_s))
-        return all(
-            full.contains(begin[:2]) and line_of_sight(full, begin[:2], end[:2], self._clearance_m)
-            for begin, end in legs
-        ) and not any(_is_met(area, *leg) for area in self._zones.limited() for leg in legs)
+        is_clear = all(line_of_sight(full, begin[:2], end[:2], margin_m) for begin, end in legs)
+        meets = any(_is_met(area, *leg) for area in self._zones.limited for leg in legs)
+        return "would come near an obstacle" if meets or not is_clear else ""
+
+    def is_on_map(self, flight: Flight, ahead_s: float) -> bool:
+        """Return True if a flight stays where obstacles are known."""
+        full = self._zones.obstacles.full
+        return all(full.contains(begin[:2]) for begin, _ in _legs(flight, ahead_s))
 
 
 _Place = tuple[float, float, float, float]

@@ -2,7 +2,7 @@
 
 from helpers.sky import FIELD, Sky, fly_on, give, place
 
-from gcs.core.separation.forward_flight import simulate_flights
+from gcs.core.separation.forward_flight import GoalKind, simulate_flights
 from gcs.model import Route, read_only
 from gcs.model.vehicle_ids import home_label
 from sim_vehicles.autopilots.autopilot_traits import Mode
@@ -43,6 +43,21 @@ def test_it_is_predicted_to_climb_on_in_hold():
     assert sky.planes[1].autopilot.mode is Mode.LOITER
     assert is_predicted(sky, 9.0)
     assert sky.planes[1].alt_rel_m > 50.0
+
+
+def test_its_climb_is_predicted_before_the_next_look_at_its_mode():
+    """Before, one that had just begun counted as away: another began beside it (PX4 SITL: 17 m and 7 m)."""
+    sky = Sky((1500.0, 1500.0, 20.0), px4=(1,))
+    agent = sky.run_.engine.state.agents[1].separation
+    stages = sky.run_.engine.stages
+    for step in range(1, 400):
+        sky.run_.run(0.05 * step)
+        state = stages.fleet.state(1)
+        if state is not None and state.mode == "AUTO":
+            break
+    assert agent.mode != "AUTO"
+    first = stages.intents.flight(state, sky.run_.t_ns).goals[0]
+    assert first.kind is GoalKind.CIRCLE
 
 
 def test_a_climb_that_is_over_is_forgotten():

@@ -61,8 +61,10 @@ CLOSED_S = 40.0
 class Flight:
     """A vehicle on its way east, and a zone across the whole map that is closed before it."""
 
-    def __init__(self, *, over_terrain=False, limits=None, avoidance="act", px4=()) -> None:
-        text = FIELD.format(avoidance=avoidance, px4=list(px4))
+    def __init__(
+        self, *, over_terrain=False, limits=None, avoidance="act", px4=(), zone_m=WALL_M, obstacles=""
+    ) -> None:
+        text = FIELD.format(avoidance=avoidance, px4=list(px4)) + obstacles
         if over_terrain:
             text += terrain_table(elevation_of(lambda east, north: 70.0 + 0.02 * east + 0.0 * north, 3000.0))
         self.effects = []
@@ -71,11 +73,18 @@ class Flight:
         )
         self.plane = self.run.vehicles["vehicle:1"]
         self.fly(CLOSED_S)
-        self.close(NoFlyZone("fire", None, WALL_M, limits or VerticalLimits(None, None)))
+        if zone_m:
+            self.close(NoFlyZone("fire", None, zone_m, limits or VerticalLimits(None, None)))
 
     def close(self, zone: NoFlyZone) -> None:
         t_ns = self.run.t_ns
         self.run.order(Order(t_ns, f"{zone.name}-{t_ns}", "no-fly-zone", None, None, zone))
+
+    def order(self, action: str) -> None:
+        self.run.order(Order(self.run.t_ns, f"{action}-{self.run.t_ns}", action, (1,)))
+
+    def answers(self) -> list[tuple[str, str]]:
+        return [(one.state, one.detail) for one in self.effects if isinstance(one, OrderAnswer)]
 
     def fly(self, until_s: float) -> float:
         """Fly on; return the greatest distance to the east."""
@@ -90,6 +99,8 @@ class Flight:
         return noticed(self.effects, code)
 
 
+SIDE_M = ((900.0, 1300.0), (1150.0, 1300.0), (1150.0, 1460.0), (900.0, 1460.0))
+"""Beside the way, where a circle to the right leads."""
 KINDS = [
     {},
     {"px4": (1,)},
@@ -156,12 +167,9 @@ def test_a_pilot_and_an_order_are_stronger_than_the_hold():
     assert flight.told(NoticeCode.AVOIDS_NO_LONGER)
     flight = Flight()
     flight.fly(75.0)
-    flight.run.order(Order(flight.run.t_ns, "home", "return", (1,)))
+    flight.order("return")
     flight.fly(160.0)
-    (answer,) = [one for one in flight.effects if isinstance(one, OrderAnswer) and one.order_id == "home"][
-        -1:
-    ]
-    assert answer.state == "done"
+    assert flight.answers()[-1][0] == "done"
     assert flight.plane.autopilot.mode is Mode.RTL
 
 
@@ -172,3 +180,68 @@ def test_a_vehicle_with_a_way_round_does_not_hold():
     assert flight.fly(170.0) > 2100.0
     assert not flight.told(NoticeCode.HOLDS_BEFORE_ZONE)
     assert not flight.told(NoticeCode.ZONE_ENTERED)
+
+
+OBSTACLE = "[[map.obstacles]]\nbox_m = [900.0, 1300.0, 1150.0, 1460.0]\n"
+
+
+@pytest.mark.parametrize("kind", [{"zone_m": SIDE_M}, {"zone_m": (), "obstacles": OBSTACLE}])
+def test_a_hold_beside_a_zone_or_an_obstacle_waits_until_its_circle_is_clear(kind):
+    """Before, one circled inside it."""
+    flight = Flight(**kind)
+    while flight.plane.east_m < 880.0:
+        flight.fly((flight.run.t_ns - START_T_NS) / S + 0.5)
+    flight.order("hold")
+    flight.fly((flight.run.t_ns - START_T_NS) / S + 5.0)
+    (notice,) = flight.told(NoticeCode.ORDER_WAITS)
+    assert ("zone fire" if kind["zone_m"] else "obstacle") in notice.parameters["reason"]
+    assert flight.plane.autopilot.mode is Mode.AUTO
+    lowest_m = 1500.0
+    for until_s in range(round((flight.run.t_ns - START_T_NS) / S) + 1, 140):
+        flight.fly(until_s)
+        lowest_m = min(lowest_m, flight.plane.north_m) if flight.plane.east_m < 1175.0 else lowest_m
+    assert flight.answers()[-1][0] == "done"
+    assert flight.plane.autopilot.mode is Mode.LOITER
+    assert lowest_m > 1475.0
+    assert not flight.told(NoticeCode.ZONE_ENTERED)
+
+
+def test_a_hold_that_is_ordered_again_beside_a_zone_begins_at_once():
+    flight = Flight(zone_m=SIDE_M)
+    while flight.plane.east_m < 880.0:
+        flight.fly((flight.run.t_ns - START_T_NS) / S + 0.5)
+    for _ in range(2):
+        flight.order("hold")
+        flight.fly((flight.run.t_ns - START_T_NS) / S + 3.0)
+    assert flight.plane.autopilot.mode is Mode.LOITER
+
+
+def test_a_mission_into_a_zone_is_not_resumed_and_gives_way_to_a_new_one():
+    """Before, one that was resumed flew its old mission until the new one came."""
+    flight = Flight(zone_m=())
+    flight.order("hold")
+    flight.fly(60.0)
+    flight.close(NoFlyZone("fire", (flight.plane.east_m + 350.0, 1500.0, 80.0)))
+    flight.fly(62.0)
+    flight.effects.clear()
+    flight.order("resume")
+    flight.fly(64.0)
+    assert flight.answers()[-1] == ("done", "LOITER, armed: waits for its next mission")
+    flight.fly(220.0)
+    assert flight.plane.east_m > 2100.0
+    assert not flight.told(NoticeCode.ZONE_ENTERED)
+
+
+def test_a_vehicle_is_not_resumed_where_it_would_wait_in_a_zone():
+    flight = Flight(zone_m=())
+    flight.fly(90.0)
+    flight.order("return")
+    flight.fly(105.0)
+    plane = flight.plane
+    flight.close(NoFlyZone("fire", (plane.east_m, plane.north_m - 100.0, 40.0)))
+    flight.order("resume")
+    flight.fly(106.0)
+    state, detail = flight.answers()[-1]
+    assert state == "refused"
+    assert "no-fly zone fire" in detail
+    assert plane.autopilot.mode is Mode.RTL

@@ -92,7 +92,7 @@ def test_one_order_does_not_resume_a_vehicle_into_another():
     answers = [(one.state, one.detail) for one in sky.answers if one.action == "resume"]
     assert answers[0][0] == "refused"
     assert answers[0][1].startswith("would come within ")
-    assert answers[0][1].endswith("resume it when they are apart")
+    assert answers[0][1].endswith("resume it when it is clear")
 
 
 def test_a_vehicle_that_fell_silent_before_its_take_off_is_not_about_to_take_off_for_ever():
