@@ -50,10 +50,10 @@ def fly(
     runtime = {"XDG_RUNTIME_DIR": str(folder)}
     found = []
     try:
-        nodes = {"one": run.serve("one", runtime, ("--console", "off"))}
+        nodes = {"one": run.serve("one", runtime)}
         run.until("one", lambda said: said.count("verified by read-back") >= 4, _START_S)
         begin_s = time.monotonic()
-        nodes["two"] = run.serve("two", runtime, ("--console", "off", "--role", "standby"))
+        nodes["two"] = run.serve("two", runtime, ("--role", "standby"))
         run.until("two", lambda said: "follows it" in said, _START_S)
         commands, follows = "one", "two"
         while len(found) < kills and (time.monotonic() - begin_s) * speed < FLIGHT_S:

@@ -436,7 +436,8 @@ def fuzz(
     run = Run(folder, relay=relay)
     taps = start("--tap", relay, run.port)
     try:
-        service = run.serve("flown", {"PYTHONUNBUFFERED": "1"})
+        address = f"127.0.0.1:{free_port()}"
+        service = run.serve("flown", {"PYTHONUNBUFFERED": "1"}, ("--console", address))
         said = run.until("flown", lambda text: text.count("verified by read-back") >= 4, 120.0)
         url = re.search(r"console: (http\S+)", said)[1]  # type: ignore[index]
         time.sleep(calm_s)

@@ -8,7 +8,7 @@ from flown_separation import FlownMission, draw, fly
 MIN_LEAD_S = 5.0
 
 
-@pytest.mark.parametrize("seed", [1, 38, 521])
+@pytest.mark.parametrize("seed", [38, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 521))])
 def test_each_pair_that_comes_near_in_a_random_mission_was_told_before(seed):
     """A failsafe sends all home, at one height.
 
@@ -21,7 +21,9 @@ def test_each_pair_that_comes_near_in_a_random_mission_was_told_before(seed):
     assert all(pair.lead_s is not None and pair.lead_s >= MIN_LEAD_S for pair in flown.pairs)
 
 
-@pytest.mark.parametrize("seed", [153, 225, 257, 522])
+@pytest.mark.parametrize(
+    "seed", [153, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (225, 257, 522))]
+)
 def test_orders_and_plans_bring_no_pair_together(seed):
     """A resume beside one that lands; a route in the layer where one holds; resumes into holds; a descent
     through the circle of one that waits for its landing."""

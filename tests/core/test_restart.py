@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import pytest
 from helpers.noticed import alarms, noticed
@@ -35,7 +36,7 @@ from gcs.model import (
 )
 from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
-from sim_vehicles.world.scenario import load, parse_scenario
+from sim_vehicles.world.scenario import Scenario, load, parse_scenario
 
 MISSION = {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_CLEAR_ALL"}
 
@@ -60,6 +61,17 @@ def test_moving_targets_and_losses_are_taken_up_and_the_survivors_arrive(at_s: f
     assert len(taken_up) == 1
     assert "lost" not in taken_up[0].reason
     assert loss or "joined" not in taken_up[0].reason
+
+
+@lru_cache
+def uploading_s(scenario: str, *keys: str) -> tuple[Scenario, float]:
+    """Return a scenario with other keys, and the time at which its first uploads begin."""
+    text, source = read_text(scenario)
+    changed = parse_scenario(override_keys(text, list(keys), source), source)
+    run = VirtualRun(changed, SEED)
+    while not run.engine.state.tasking.stages:
+        run.run((run.t_ns - START_T_NS) / S + 0.05)
+    return changed, (run.t_ns - START_T_NS) / S
 
 
 def test_a_snapshot_and_a_restart_replay() -> None:
@@ -95,13 +107,8 @@ def test_another_mission_than_the_one_it_was_given_is_left_alone_until_resumed()
 @pytest.mark.parametrize("px4", [[], [1, 2, 3, 4]], ids=["ArduPlane", "PX4"])
 @pytest.mark.parametrize("begun_s", [0.05, 0.2, 0.5])
 def test_uploads_continue_after_a_restart(px4: list[int], begun_s: float) -> None:
-    text, source = read_text("prescribed")
-    scenario = parse_scenario(override_keys(text, [f"simulation.px4={px4}"], source), source)
-    first = VirtualRun(scenario, SEED)
-    while not first.engine.state.tasking.stages:
-        first.run((first.t_ns - START_T_NS) / S + 0.05)
-    at_s = (first.t_ns - START_T_NS) / S + begun_s
-    flight = flight_with_a_restart(at_s, 3.0, 40.0, scenario=scenario)
+    scenario, first_s = uploading_s("prescribed", f"simulation.px4={px4}")
+    flight = flight_with_a_restart(first_s + begun_s, 3.0, 25.0, scenario=scenario)
     (resumed,) = noticed(flight.all(Notice), NoticeCode.RESUMED)
     assert "uploads to agents 1, 2, 3, 4" in resumed.parameters["contents"]
     assert not alarms(flight.all(Notice))
@@ -118,19 +125,15 @@ def test_nothing_is_sent_to_a_vehicle_that_turned_home_while_the_service_was_awa
     px4: list[int], begun_s: float
 ) -> None:
     """A PX4 in RTL flies to the item that is selected: it flew 590 m away from home."""
-    text, source = read_text("prescribed")
-    scenario = parse_scenario(override_keys(text, [f"simulation.px4={px4}"], source), source)
-    first = VirtualRun(scenario, SEED)
-    while not first.engine.state.tasking.stages:
-        first.run((first.t_ns - START_T_NS) / S + 0.05)
-    at_s = (first.t_ns - START_T_NS) / S + begun_s
+    scenario, first_s = uploading_s("prescribed", f"simulation.px4={px4}")
+    at_s = first_s + begun_s
 
     def turn_home(run: VirtualRun) -> None:
         assert 3 in run.engine.state.tasking.stages
         run.vehicles["vehicle:3"].autopilot.set_mode(Mode.RTL)
 
-    flight = flight_with_a_restart(at_s, 3.0, 40.0, scenario=scenario, meanwhile=turn_home)
-    sent = flight.messages_to(3, at_s + 3.0, 40.0)
+    flight = flight_with_a_restart(at_s, 3.0, 25.0, scenario=scenario, meanwhile=turn_home)
+    sent = flight.messages_to(3, at_s + 3.0, 25.0)
     set_mode = dialect.MAV_CMD_DO_SET_MODE
     assert not [m for m in sent if m.get_type() in STEERING or getattr(m, "command", 0) == set_mode]
     assert flight.mode(3) is Mode.RTL
@@ -142,19 +145,13 @@ def test_nothing_is_sent_to_a_vehicle_that_turned_home_while_the_service_was_awa
 def test_a_mission_that_was_stored_after_the_state_was_saved_is_not_uploaded_again(
     px4: list[int], saved_s: float, killed_s: float
 ) -> None:
-    text, source = read_text("deterministic")
-    keys = ["planning.shape=pulled", f"simulation.px4={px4}"]
-    scenario = parse_scenario(override_keys(text, keys, source), source)
-    first = VirtualRun(scenario, SEED)
-    while not first.engine.state.tasking.stages:
-        first.run((first.t_ns - START_T_NS) / S + 0.05)
-    begun_s = (first.t_ns - START_T_NS) / S
+    scenario, begun_s = uploading_s("deterministic", "planning.shape=pulled", f"simulation.px4={px4}")
     restarted_s = begun_s + killed_s + 3.0
     flight = flight_with_a_restart(
-        begun_s + saved_s, 3.0, 60.0, scenario=scenario, meanwhile=lambda run: run.run(begun_s + killed_s)
+        begun_s + saved_s, 3.0, 30.0, scenario=scenario, meanwhile=lambda run: run.run(begun_s + killed_s)
     )
     for vehicle in (1, 2, 3, 4):
-        sent = {m.get_type() for m in flight.messages_to(vehicle, restarted_s, 60.0)}
+        sent = {m.get_type() for m in flight.messages_to(vehicle, restarted_s, 30.0)}
         assert not sent & {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_CLEAR_ALL"}
         assert flight.mode(vehicle) is Mode.AUTO
     assert {report.vehicle for report in flight.all(UploadReport) if report.ok} == {1, 2, 3, 4}

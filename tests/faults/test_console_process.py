@@ -157,7 +157,7 @@ def test_two_consoles_show_the_same_service_and_both_command_it(run: Run) -> Non
 
 
 def test_a_console_says_that_its_service_is_gone_and_goes_on_with_the_next_one(run: Run) -> None:
-    first = run.serve("first", arguments=("--console", "off"))
+    first = run.serve("first")
     command = [*GCS, "console", "--connect", run.zenoh, "--console", "127.0.0.1:0"]
     run.until("first", lambda said: "in contact" in said, 120.0)
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as other, ExitStack() as ends:
@@ -176,7 +176,7 @@ def test_a_console_says_that_its_service_is_gone_and_goes_on_with_the_next_one(r
             with pytest.raises(urllib.error.HTTPError) as refused:
                 order(url, "hold", 1)
             assert "NOT sent" in json.load(refused.value)["error"]
-            run.serve("second", arguments=("--console", "off"))
+            run.serve("second")
             found = until(page, lambda found: found.get("mission", {}).get("begun", begun) != begun)
             assert (found["type"], found["lost"], len(found["vehicles"])) == ("snapshot", None, 4)
 

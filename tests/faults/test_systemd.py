@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
-from helpers.processes import Run
+from helpers.processes import Run, free_port
 
 UNITS = sorted((Path(__file__).parents[2] / "config" / "systemd").glob("*.service"))
 
@@ -32,7 +32,8 @@ def test_systemd_hears_of_the_start_of_signs_of_life_and_of_the_end(
         address = f"@{manager.getsockname()[1:].decode()}"
         run = Run(tmp_path)
         try:
-            service = run.serve("flown", {"NOTIFY_SOCKET": address, "WATCHDOG_USEC": "300000"})
+            environment = {"NOTIFY_SOCKET": address, "WATCHDOG_USEC": "300000"}
+            service = run.serve("flown", environment, ("--console", f"127.0.0.1:{free_port()}"))
             run.until("flown", lambda said: said.count("verified by read-back") == 4)
             early = received(manager)
             assert early[0] == "READY=1"

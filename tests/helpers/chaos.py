@@ -138,7 +138,7 @@ class ChaosRun:
 
     def _start(self, role: str) -> Node:
         name = f"{role}-of-{1 + len(self.flight.nodes)}"
-        arguments = ("--console", "off", *(() if role == "service" else ("--role", role)))
+        arguments = () if role == "service" else ("--role", role)
         environment = {"XDG_RUNTIME_DIR": str(self.flight.folder), **self._around.environment(_place(role))}
         node = Node(name, role, self.run.serve(name, environment, arguments, program=PROGRAM))
         self.flight.nodes.append(node)

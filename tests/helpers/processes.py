@@ -98,9 +98,12 @@ class Run:
         file: Path | None = None,
         program: Sequence[str] = GCS,
     ) -> subprocess.Popen[bytes]:
-        """Start a service; `file` is another mission file, `program` one that stands for `gcs`."""
+        """Start a service without a console, unless `arguments` name one.
+
+        `file` is another mission file, `program` one that stands for `gcs`.
+        """
         command = [*program, "run", str(file or self.file), "--headless", "--out", str(self.folder / name)]
-        command += ["--journal", str(self.folder / "journal"), *self.clock, *arguments]
+        command += ["--journal", str(self.folder / "journal"), "--console", "off", *self.clock, *arguments]
         with (self.folder / f"{name}.log").open("wb") as log:
             whole = {**os.environ, **(environment or {})}
             self.services.append(subprocess.Popen(command, stdout=log, stderr=log, env=whole))

@@ -107,7 +107,7 @@ ACTIONS = st.tuples(
 )
 
 
-@settings(max_examples=6)
+@settings(max_examples=4)
 @given(given_orders=st.lists(ACTIONS, max_size=10))
 def test_under_any_orders_only_confirmed_routes_are_uploaded_and_no_held_agent_is_tasked(
     given_orders,

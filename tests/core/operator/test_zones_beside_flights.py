@@ -76,7 +76,7 @@ def test_a_return_by_a_mission_on_a_flat_map(limits):
     """The layers are 60 m to 200 m above home."""
     sky, disc_m = returning(FLAT)
     detail = close(sky, disc_m, limits)
-    heights_m = agl_inside(sky, 2, disc_m, 120.0, rise=0.0)
+    heights_m = agl_inside(sky, 2, disc_m, 110.0, rise=0.0)
     check(limits, detail, heights_m, {notice.code for _, notice in sky.notices})
     assert np.hypot(sky.planes[2].east_m - HOME_M[0], sky.planes[2].north_m - HOME_M[1]) < 200.0
 
@@ -103,8 +103,8 @@ def test_the_circle_at_a_target_over_terrain(limits, is_closed_before):
         detail = close(sky, disc_m, limits)
         fly_on(sky, 25.0)  # it changes its height
         sky.notices.clear()
-    heights_m = agl_inside(sky, 1, disc_m, 60.0)
-    assert len(heights_m) == 60
+    heights_m = agl_inside(sky, 1, disc_m, 30.0)  # once round
+    assert len(heights_m) == 30
     check(limits, detail, heights_m, {notice.code for _, notice in sky.notices})
     assert sky.run_.engine.state.agents[1].perception.status.status == "arrived"
 
@@ -125,7 +125,7 @@ def test_a_vehicle_that_circles_over_terrain_leaves_a_zone_without_room_over_or_
 def test_the_circle_at_a_target_on_a_flat_map(limits):
     sky, disc_m, _ = at_target(FLAT)
     detail = close(sky, disc_m, limits)
-    heights_m = agl_inside(sky, 1, disc_m, 60.0, rise=0.0)
-    assert len(heights_m) == 60
+    heights_m = agl_inside(sky, 1, disc_m, 30.0, rise=0.0)
+    assert len(heights_m) == 30
     check(limits, detail, heights_m, {notice.code for _, notice in sky.notices})
     assert sky.run_.engine.state.agents[1].perception.status.status == "arrived"

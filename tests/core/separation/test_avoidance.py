@@ -135,7 +135,7 @@ def test_one_of_two_that_would_meet_holds_and_flies_on_when_they_are_apart(px4):
     assert [plane.autopilot.mode for plane in sky.planes.values()] == [Mode.AUTO, Mode.AUTO]
     assert all(agent.control.is_ours for agent in agents.values())
     assert not sky.told(NoticeCode.SEPARATION_LOST)
-    fly_on(sky, 120.0)
+    fly_on(sky, 85.0)
     assert sorted(agent.perception.status.status for agent in agents.values()) == ["arrived", "arrived"]
 
 
