@@ -29,8 +29,6 @@ from gcs.planning.route_progress import remaining_length_m
 
 _URGENT_FACTOR = 3.0
 """Multiple of its tolerance that a target must have moved to trigger a plan between two periods."""
-_TIME_S = 10.0
-"""Time before two meet in which one may still get to another height: upload and climb."""
 
 
 class Triggers:
@@ -229,7 +227,7 @@ class Triggers:
         return [
             (v, after_s)
             for v, after_s in met.items()
-            if v in settled and after_s >= _TIME_S and not self.is_arriving(routes[v], inputs)
+            if v in settled and not self.is_arriving(routes[v], inputs)
         ]
 
     def _settled(self, inputs: PlanningInputs) -> list[Route]:
