@@ -76,6 +76,18 @@ class AltitudeLayers:
         flights = [self._from(route, begin_m(route.vehicle, inputs)) for route in kept]
         return flights + self._others([*kept, *new], inputs.arrived)
 
+    def that_may_meet(
+        self, new: Sequence[Route], kept: Sequence[Route], inputs: PlanningInputs
+    ) -> list[Route]:
+        """Return the kept routes whose areas come near those of new ones, at any time."""
+        if not (new and kept):
+            return []
+        reach_m = self._mission.separation_m + 2.0 * max(self._radii_m.values())
+        low_m, high_m = (bounds[:, None] for bounds in _areas(new, inputs))
+        lows_m, highs_m = _areas(kept, inputs)
+        is_near = ((lows_m - high_m < reach_m) & (low_m - highs_m < reach_m)).all(axis=2)
+        return [kept[k] for k in np.flatnonzero(is_near.any(axis=0)).tolist()]
+
     def separation_m(
         self, routes: Sequence[Route], proposed: Collection[int], inputs: PlanningInputs
     ) -> dict[int, float]:
@@ -201,6 +213,17 @@ class AltitudeLayers:
         state = self._agents[route.vehicle].perception.motion.state
         now_m = float(left_m[0]) if state is None else state.alt_msl_m
         return np.concatenate((np.full(begins, now_m), left_m))
+
+
+def _areas(routes: Sequence[Route], inputs: PlanningInputs) -> tuple[FloatArray, FloatArray]:
+    """Return the least and the greatest coordinates of routes with their begins and climbs, (n, 2) each."""
+    begins_m = [begin_m(route.vehicle, inputs) for route in routes]
+    ends_m = np.array([(begin[0], begin[-1]) for begin in begins_m])
+    first = np.cumsum([0] + [len(route.flown_m) for route in routes[:-1]])
+    points_m = np.concatenate([route.flown_m for route in routes])
+    low_m: FloatArray = np.minimum(np.minimum.reduceat(points_m, first), ends_m.min(axis=1))
+    high_m: FloatArray = np.maximum(np.maximum.reduceat(points_m, first), ends_m.max(axis=1))
+    return low_m, high_m
 
 
 def begin_m(vehicle: int, inputs: PlanningInputs) -> list[Point]:

@@ -265,6 +265,7 @@ class Replanner:
             new = [route for route in choose_new(result).new if route.target == there[route.vehicle]]
             routed = {route.vehicle for route in new}
             kept = [r for v, r in self._triggers.newest.items() if v in inputs.agents and v not in routed]
+            kept = self.layers.that_may_meet(new, kept, inputs)
             return Choice(new, kept, self.layers.flights(kept, new, inputs))
 
         return plan_mission(mission, choose)

@@ -151,7 +151,10 @@ class Intents:
     def _reach_m(self, state: VehicleState, for_s: float, t_ns: int) -> float:
         """Return an upper bound of the distance of a vehicle from its last position after some time."""
         for_s += max(t_ns - state.t_ns, 0) / NS_PER_S
-        return max(self.reach_m(state, for_s), self._airframes[state.system_id].speed_m_s * for_s)
+        wind_m_s = math.hypot(*(self._agents[state.system_id].link.wind_m_s or (0.0, 0.0)))
+        return for_s * max(
+            state.ground_speed_m_s + 2.0 * wind_m_s, self._airframes[state.system_id].speed_m_s
+        )
 
     def flight(self, state: VehicleState, t_ns: int, mode: str | None = None) -> Flight:
         """Return what a vehicle flies, or would fly in another mode."""
