@@ -336,7 +336,8 @@ class Bench:
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self.seen = Seen()
         self.deaths: list[tuple[float, int]] = []
-        self.orders = [0, 0]
+        self.orders: list[str] = []
+        """Actions with their last answers."""
         """Given, and carried out."""
         self.cpu: dict[str, float] = {}
         self.measured_s = (0.0, 0.0)
@@ -414,10 +415,11 @@ class Bench:
             order = OrderMessage(
                 order_id=f"order-{number}", action=action, vehicles=[vehicle], origin="bench"
             )
-            self.orders[0] += 1
+            last = "no answer"
             with contextlib.suppress(NoAnswerError):  # counted
-                answers = list(send_order(address, order, 5.0, 20.0))
-                self.orders[1] += any(answer.state == "done" for answer in answers)
+                for answer in send_order(address, order, 5.0, 20.0):
+                    last = f"{answer.state}: {answer.detail}"
+            self.orders.append(f"{action} {last}")
             time.sleep(3.0)
 
     def end(self) -> None:
