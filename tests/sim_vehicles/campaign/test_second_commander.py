@@ -98,8 +98,9 @@ def test_two_services_that_start_together_are_named_within_two_minutes(name: str
 
 
 def test_an_operator_takes_the_vehicles_back_when_the_other_service_has_ended() -> None:
-    order = Order(START_T_NS + 40 * NS_PER_S, "o1", "resume", None, None)
-    both = TwoServices("prescribed", 2, 20.0, [order])
+    """One that would wait beside an obstacle is refused, and ordered again."""
+    orders = [Order(START_T_NS + t_s * NS_PER_S, f"o{t_s}", "resume", None, None) for t_s in (40, 50, 60)]
+    both = TwoServices("prescribed", 2, 20.0, orders)
     both.end_t_ns = START_T_NS + 30 * NS_PER_S
     both.run.run(75.0)
     assert len(both.first.said(SIGN)) == 4
