@@ -10,6 +10,7 @@ import os
 import sys
 from collections.abc import Generator
 from functools import lru_cache
+from itertools import groupby
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,22 @@ RUNS_SERVICE = (
     "test_jit.py",
 )
 """Folders and files with tests that run the service in other processes, or import it when they run."""
+
+
+WAITING = ("chaos", "console", "faults", "system")
+"""Folders with tests that mostly wait, for processes that run in real time."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Spread files whose tests wait evenly among the others: workers get equal parts of the list."""
+    files = [list(group) for _, group in groupby(items, key=lambda item: item.path)]
+    waits = [any(file[0].path.is_relative_to(TESTS / one) for one in WAITING) for file in files]
+    waiting = [file for file, is_waiting in zip(files, waits, strict=True) if is_waiting]
+    others = [file for file, is_waiting in zip(files, waits, strict=True) if not is_waiting]
+    places = [(k + 0.5) / len(waiting) for k in range(len(waiting))]
+    places += [(k + 0.5) / len(others) for k in range(len(others))]
+    placed = sorted(zip(places, [*waiting, *others], strict=True), key=lambda one: one[0])
+    items[:] = [item for _, file in placed for item in file]
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
