@@ -119,7 +119,10 @@ class Orders:
                 release(vehicle, order.t_ns)
             effects += self._commands.begin(number, order, vehicle, known[vehicle].autopilot, targets)
         held_up = waits.keys() - home.keys()
-        detail = named(ongoing.waiting) + (f"; {named(held_up)} when clear" if held_up else "")
+        detail = named(ongoing.waiting)
+        if held_up:
+            reason = waits[min(held_up)]
+            detail += f"; {named(held_up)} when clear: {reason}. The same order again is carried out at once"
         detail += f"; {named(home)} in altitude layers" if home else ""
         if order.action == "return":
             returning = {
