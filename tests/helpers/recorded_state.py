@@ -23,6 +23,7 @@ CACHES: frozenset[str] = frozenset(
         "gcs.core.airspace.no_fly_zones.NoFlyZones.closed",  # cells of the closed zones, drawn from the state
         "gcs.core.airspace.no_fly_zones.NoFlyZones.obstacles",
         "gcs.core.airspace.no_fly_zones.NoFlyZones.limited",
+        "gcs.core.airspace.no_fly_zones.NoFlyZones.limited_cells",
         "gcs.core.airspace.obstacle_map.ObstacleMap.grid",
         "gcs.core.airspace.obstacle_map.ObstacleMap.near_ground",
         "gcs.core.airspace.obstacle_map.ObstacleMap.low_areas",

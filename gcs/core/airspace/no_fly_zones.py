@@ -96,6 +96,7 @@ class NoFlyZones:
         self.closed = {name: self._closed(area) for name, area in areas.items()}
         self.obstacles = self._open.with_areas(areas.values())
         self.__dict__.pop("limited", None)
+        self.__dict__.pop("limited_cells", None)
 
     def _closed(self, area: LimitedArea) -> ClosedZone:
         cells = blocked_by(free_grid_like(self._open.full), [area])
@@ -105,6 +106,11 @@ class NoFlyZones:
     def limited(self) -> list[ClosedZone]:
         """All areas with vertical limits, those of the mission as well."""
         return [self._closed(area) for area in self.obstacles.limited]
+
+    @cached_property
+    def limited_cells(self) -> Grid:
+        """Map of all areas with vertical limits."""
+        return blocked_by(free_grid_like(self._open.full), self.obstacles.limited)
 
     def contain(self, place: Point) -> bool:
         """Return True if a position in an altitude layer is in a closed zone."""

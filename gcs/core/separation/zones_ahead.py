@@ -45,7 +45,9 @@ class ZonesAhead:
         full = self._zones.obstacles.full
         legs = list(_legs(flight, ahead_s))
         is_clear = all(line_of_sight(full, begin[:2], end[:2], margin_m) for begin, end in legs)
-        meets = any(_is_met(area, *leg) for area in self._zones.limited for leg in legs)
+        cells = self._zones.limited_cells
+        near = [leg for leg in legs if not line_of_sight(cells, leg[0][:2], leg[1][:2])]
+        meets = any(_is_met(area, *leg) for area in self._zones.limited for leg in near)
         return "would come near an obstacle" if meets or not is_clear else ""
 
     def is_on_map(self, flight: Flight, ahead_s: float) -> bool:
