@@ -198,10 +198,12 @@ class JournalSink:
     def write(self, t_ns: int) -> None:
         """Queue the state for the writer; a failure becomes an alarm and is tried again."""
         self._written_t_ns = t_ns
-        self._is_due = False
-        self._uploads = set(self._engine.state.tasking.uploads)
         snapshot = Snapshot(t_ns, encode_state(self._engine.state))
-        self._is_changed = not self.writer.put(partial(self._store, snapshot))
+        is_queued = self.writer.put(partial(self._store, snapshot))
+        self._is_changed = not is_queued
+        if is_queued:
+            self._is_due = False
+            self._uploads = set(self._engine.state.tasking.uploads)
 
     def close(self) -> None:
         """Wait at most 5 s until the journal is written, and report a failure."""
