@@ -215,15 +215,20 @@ class Replanner:
         renewed = {} if routes.flown is None else self._renewed({vehicle: routes.flown.target}, inputs)
         if vehicle not in renewed:
             return None
-        routes.flown = renewed[vehicle]
-        routes.is_blocked = False
         why = reasons.of_agent("upload waited", vehicle, "gets its mission later than planned")
-        return self._flown_plan(inputs.t_ns, inputs.picture_t_ns, why, (vehicle,))
+        return self._fly_instead(renewed[vehicle], why, inputs)
+
+    def _fly_instead(self, route: Route, why: Reason, inputs: PlanningInputs) -> Plan:
+        """Make a route, planned on the present map, the flown one of its vehicle; return the plan of all."""
+        routes = self._agents[route.vehicle].routes
+        routes.flown = route
+        routes.is_blocked = False
+        return self._flown_plan(inputs.t_ns, inputs.picture_t_ns, why, (route.vehicle,))
 
     def _lead_apart(self, inputs: PlanningInputs) -> Plan | None:
         """Lead a vehicle that soon meets another one over terrain to its target at other heights, if it can.
 
-        Of these, that which was not tried for longest.
+        Those that meet others first are tried first, each once in `_LAYER_PERIOD_NS`.
         """
         if self._mission.terrain is None or self._planning.retask != "auto":
             return None
@@ -235,12 +240,11 @@ class Replanner:
             routes.layer_t_ns = inputs.t_ns
             made = self._made_again({vehicle: routes.flown.target}, inputs)
             first_s = min((one.after_s for one in made.conflicts), default=math.inf)
-            new = [route for route in made.routes if route.vehicle == vehicle and vehicle in made.paths_m]
+            is_whole = vehicle in made.paths_m and vehicle not in made.stops_short
+            new = [route for route in made.routes if route.vehicle == vehicle and is_whole]
             if new and first_s > after_s + _LAYER_GAIN_S and not self._kept.is_low(new[0]):
                 self._note_made(made, inputs.t_ns)
-                routes.flown = new[0]
-                why = reasons.occupied(vehicle)
-                return self._flown_plan(inputs.t_ns, inputs.picture_t_ns, why, (vehicle,))
+                return self._fly_instead(new[0], reasons.occupied(vehicle), inputs)
             tries += 1
             if tries == _MAX_LAYER_TRIES:
                 break
