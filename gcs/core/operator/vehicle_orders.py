@@ -121,8 +121,11 @@ class Orders:
         held_up = waits.keys() - home.keys()
         detail = named(ongoing.waiting)
         if held_up:
-            reason = waits[min(held_up)]
-            detail += f"; {named(held_up)} when clear: {reason}. The same order again is carried out at once"
+            first = min(held_up)
+            detail += (
+                f"; {named(held_up)} when clear ({named([first])} {waits[first]}); the same order again "
+            )
+            detail += "again is carried out at once"
         detail += f"; {named(home)} in altitude layers" if home else ""
         if order.action == "return":
             returning = {
