@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from helpers.banked_field import BANKED_FIELD
 from helpers.hills import elevation_of, terrain_table
 from helpers.noticed import noticed
 from helpers.staging import S
@@ -11,23 +12,9 @@ from gcs.model import NoticeCode, Order, Plan, Route, read_only
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import parse_scenario
 
-FIELD = """
-name = "field"
-[frame]
-lat_deg = 33.2
-lon_deg = -87.6
-alt_msl_m = 70.0
-[map]
-width_m = 3000.0
-height_m = 3000.0
-nodes_east = 61
-nodes_north = 61
-[airframe]
-speed_m_s = 15.0
-bank_deg = 35.0
-climb_m_s = 4.0
-sink_m_s = 3.0
-[planning]
+FIELD = (
+    BANKED_FIELD
+    + """[planning]
 shape = "flyable"
 separation_m = 60.0
 [mission]
@@ -74,6 +61,7 @@ north_m = 2800.0
 east_m = 800.0
 north_m = 200.0
 """
+)
 TEXT = FIELD + terrain_table(elevation_of(lambda east, north: 70.0 + 0.0 * (east + north), 3000.0))
 KNOWN_S = 10.0
 """Time from which the vehicles have an estimate of the wind."""

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.banked_field import BANKED_FIELD
 from helpers.hills import elevation_of, terrain_table
 from helpers.noticed import noticed
 from helpers.staging import S
@@ -12,23 +13,9 @@ from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import parse_scenario
 
 BASE_MSL_M = 70.0
-FIELD = """
-name = "field"
-[frame]
-lat_deg = 33.2
-lon_deg = -87.6
-alt_msl_m = 70.0
-[map]
-width_m = 3000.0
-height_m = 3000.0
-nodes_east = 61
-nodes_north = 61
-[airframe]
-speed_m_s = 15.0
-bank_deg = 35.0
-climb_m_s = 4.0
-sink_m_s = 3.0
-[planning]
+FIELD = (
+    BANKED_FIELD
+    + """[planning]
 shape = "flyable"
 clearance_m = 20.0
 vertical_clearance_m = 15.0
@@ -53,6 +40,7 @@ north_m = 1500.0
 east_m = 2300.0
 north_m = 1500.0
 """
+)
 WALL_M = ((1200.0, -100.0), (1400.0, -100.0), (1400.0, 3100.0), (1200.0, 3100.0))
 """From south to north across the map."""
 CLOSED_S = 40.0
