@@ -122,10 +122,8 @@ class Orders:
         detail = named(ongoing.waiting)
         if held_up:
             first = min(held_up)
-            detail += (
-                f"; {named(held_up)} when clear ({named([first])} {waits[first]}); the same order again "
-            )
-            detail += "again is carried out at once"
+            detail += f"; {named(held_up)} when clear ({named([first])} {waits[first]})"
+            detail += "; the same order again is carried out at once"
         detail += f"; {named(home)} in altitude layers" if home else ""
         if order.action == "return":
             returning = {

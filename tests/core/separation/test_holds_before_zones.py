@@ -182,6 +182,8 @@ def test_a_hold_beside_a_zone_or_an_obstacle_waits_until_its_circle_is_clear(kin
     flight.order("hold")
     flight.fly((flight.run.t_ns - START_T_NS) / S + 5.0)
     (notice,) = flight.told(NoticeCode.ORDER_WAITS)
+    (accepted,) = [detail for state, detail in flight.answers() if state == "accepted"]
+    assert f"(agent 1 {notice.parameters['reason']}); the same order again is carried out" in accepted
     assert ("zone fire" if kind["zone_m"] else "obstacle") in notice.parameters["reason"]
     assert flight.plane.autopilot.mode is Mode.AUTO
     lowest_m = 1500.0
