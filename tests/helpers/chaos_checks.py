@@ -26,6 +26,8 @@ from gcs.model import (
     NS_PER_S,
     AgentStatus,
     Event,
+    Notice,
+    NoticeCode,
     OrderAnswer,
     Picture,
     Resumed,
@@ -53,6 +55,7 @@ class _Kept(NamedTuple):
     node: Node
     folder: Path
     records: list[Record]
+    damage: tuple[Damage, ...]
 
     @property
     def name(self) -> str:
@@ -94,23 +97,38 @@ def _recordings(flight: Flight) -> list[_Kept]:
     """Read all recordings, in order; note those that are not readable to the last second."""
     found = []
     for node in flight.nodes:
-        for folder in recordings_of(flight.folder, node):
-            try:
-                records = list(read(folder))
-            except RecordingError as error:
-                flight.problems.append(f"recording {folder.name}: {error}")
-                continue
-            damage = [record.value for record in records if isinstance(record.value, Damage)]
-            records = [record for record in records if not isinstance(record.value, Damage)]
-            if records:
-                begin_s, end_s = (_unix_s(flight, records[n].t_ns) for n in (0, -1))
-                ends_s = min((one for one in node.ends_unix_s if one > begin_s), default=None)
-                if ends_s is None:
-                    flight.problems += [f"recording {folder.name}: {one.problem}" for one in damage]
-                elif ends_s - end_s > _UNREADABLE_S:
-                    flight.problems.append(f"recording {folder.name} lacks its last {ends_s - end_s:.1f} s")
-                found.append(_Kept(node, folder, records))
+        kept = sorted(_readable(flight, node), key=_begin_t_ns)
+        begins_s = [_unix_s(flight, _begin_t_ns(one)) for one in kept]
+        for one, begin_s, next_s in zip(kept, begins_s, [*begins_s, inf][1:], strict=True):
+            ends_s = min((end_s for end_s in node.ends_unix_s if begin_s < end_s < next_s), default=None)
+            last_s = _unix_s(flight, one.records[-1].t_ns)
+            if ends_s is None:
+                flight.problems += [f"recording {one.name}: {damage.problem}" for damage in one.damage]
+            elif ends_s - last_s > _UNREADABLE_S:
+                flight.problems.append(f"recording {one.name} lacks its last {ends_s - last_s:.1f} s")
+        found += kept
     return sorted(found, key=lambda one: one.records[0].t_ns)
+
+
+def _readable(flight: Flight, node: Node) -> Iterator[_Kept]:
+    """Read the recordings of a node that have records; note those that cannot be read."""
+    for folder in recordings_of(flight.folder, node):
+        try:
+            records = list(read(folder))
+        except RecordingError as error:
+            flight.problems.append(f"recording {folder.name}: {error}")
+            continue
+        damage = tuple(record.value for record in records if isinstance(record.value, Damage))
+        records = [record for record in records if not isinstance(record.value, Damage)]
+        if records:
+            yield _Kept(node, folder, records, damage)
+
+
+def _begin_t_ns(kept: _Kept) -> int:
+    """Return the time of the first record; a snapshot before it has the time at which it was saved."""
+    return next(
+        (one.t_ns for one in kept.records if not isinstance(one.value, Snapshot)), kept.records[-1].t_ns
+    )
 
 
 def _while_they_command(kept: list[_Kept]) -> Iterator[_Kept]:
@@ -215,13 +233,22 @@ def _place(item: dialect.MAVLink_mission_item_int_message) -> tuple[object, ...]
 
 
 def _repeated_orders(kept: list[_Kept]) -> Iterator[str]:
-    """Each order has one result for each vehicle, whichever node gave it."""
+    """Each order has one result for each vehicle, whichever node gave it.
+
+    A node that has lost the lease sends nothing; it may still see what it had ordered.
+    """
     results = Counter[tuple[str, int]]()
     for one in kept:
+        has_lease = True
         for record in one.records:
             answer = record.value
-            if isinstance(answer, OrderAnswer) and answer.vehicle is not None and answer.state == "done":
-                results[answer.order_id, answer.vehicle] += 1
+            if isinstance(answer, Notice) and answer.code in (
+                NoticeCode.LEASE_MISSING,
+                NoticeCode.LEASE_AGAIN,
+            ):
+                has_lease = answer.code is NoticeCode.LEASE_AGAIN
+            elif isinstance(answer, OrderAnswer) and answer.vehicle is not None and answer.state == "done":
+                results[answer.order_id, answer.vehicle] += has_lease
     for (order, vehicle), count in results.items():
         if count > 1:
             yield f"order {order} was carried out {count} times by vehicle {vehicle}"
