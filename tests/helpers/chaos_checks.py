@@ -31,6 +31,7 @@ from gcs.model import (
     OrderAnswer,
     Picture,
     Resumed,
+    Scan,
     Send,
     Snapshot,
     Truth,
@@ -47,6 +48,8 @@ _UNREADABLE_S: Final = 1.5
 
 _PICTURE_SCANS: Final = 5
 """Until the picture is right after the end of a fault."""
+_AHEAD_S: Final = 0.05
+"""Of a clock of sensors before that of a node."""
 _OFF_M: Final = 20.0
 """Of a track from its object."""
 
@@ -83,6 +86,7 @@ def check(flight: Flight) -> None:
     flight.problems += _repeated_orders(list(_while_they_command(kept)))
     flight.problems += _other_states(flight, kept)
     flight.problems += _lost(kept)
+    flight.problems += _wrong_clocks(flight, kept)
     flight.problems += _wrong_pictures(flight)
     for node in flight.nodes:
         said = (flight.folder / f"{node.name}.log").read_text()
@@ -297,6 +301,15 @@ def _lost(kept: list[_Kept]) -> Iterator[str]:
                 yield f"{one.name}: vehicle {record.value.vehicle} {record.value.status}"
 
 
+def _wrong_clocks(flight: Flight, kept: list[_Kept]) -> Iterator[str]:
+    """No node's clock is behind that of the sensors, however often command has changed."""
+    for one in kept:
+        scans = [record for record in one.records if isinstance(record.value, Scan)]
+        ahead_s = [(one.value.measured_t_ns - one.t_ns) / flight.speed / NS_PER_S for one in scans]
+        if scans and float(np.median(ahead_s)) > _AHEAD_S:
+            yield f"{one.name}: its clock is {np.median(ahead_s):.2f} s behind that of the sensor"
+
+
 def _other_states(flight: Flight, kept: list[_Kept]) -> Iterator[str]:
     """The state with which a standby takes over is that of the command before it."""
     for before, after in pairwise(kept):
@@ -342,7 +355,7 @@ def _engine_at(kept: _Kept, batches: list[bytes], t_ns: int) -> tuple[Engine, in
         snapshot = values[begin]
         assert isinstance(snapshot, Snapshot)
         engine.state = decode_state(kept.name, snapshot.data)
-    last_t_ns = 0
+    last_t_ns = max((one.t_ns for one in values[:begin] if isinstance(one, Event)), default=0)
     for value in values[begin:]:
         if isinstance(value, Event) and not isinstance(value, Truth):
             if value.t_ns > t_ns:
