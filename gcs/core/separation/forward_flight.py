@@ -25,6 +25,7 @@ from typing import Final
 
 import numpy as np
 
+from gcs.geo import wrap_pi
 from gcs.jit import Call, kernel, spliced
 from gcs.model import FloatArray, IntArray
 
@@ -117,6 +118,15 @@ class Flight:
     def airspeed_m_s(self) -> float:
         """Airspeed in the plane."""
         return airspeed_m_s(self.speed_m_s, self.course_rad, self.wind_m_s)
+
+    @property
+    def turn_rad(self) -> float:
+        """Turn from the course to the next waypoint, positive to the right; 0 to other goals."""
+        goal = self.goals[0]
+        if goal.kind is not GoalKind.WAYPOINT:
+            return 0.0
+        bearing_rad = math.atan2(goal.east_m - self.east_m, goal.north_m - self.north_m)
+        return wrap_pi(bearing_rad - self.course_rad)
 
     def time_s(self, leg_m: tuple[float, float], circle_m: float) -> float:
         """Return the time of a straight leg, east and north, and of a way round circles."""

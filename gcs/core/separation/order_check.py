@@ -54,6 +54,10 @@ _HOLD_MARGIN: Final = 1.3
 """Multiple of the minimum distance at which a hold is clear of others: predicted turns are off by 20 m."""
 _CLIMB_LAG_S: Final = 2.5
 """Time until a vehicle that held climbs as its mission asks for."""
+_TURNS_BACK_RAD: Final = 2.3
+"""Turn to the next point at which a vehicle may turn to either side."""
+_RELEASE_INSIDE_M: Final = 5.0
+"""Distance inside the flight band at which it may fly on: it turns later and wider than predicted."""
 _RELEASE_MARGIN: Final = 1.5
 """Multiple of the minimum distance at which a vehicle that held may fly on: in wind predictions are off."""
 
@@ -143,8 +147,10 @@ class OrderCheck:
         conflicts = [*self._met(led, others, is_return=False, margin=_RELEASE_MARGIN)]
         present = flights.of(vehicle)
         below_m = self._below_band_m(led, _CLIMB_LAG_S)
-        if below_m > max(_OFF_BAND_M, self._below_band_m(present)):
-            return f"would fly {below_m:.0f} m below the flight band"
+        if below_m > max(-_RELEASE_INSIDE_M, self._below_band_m(present)):
+            return "would fly below the flight band"
+        if self._ground.is_known and abs(led.turn_rad) > _TURNS_BACK_RAD:
+            return "would turn back beside its route"
         if zone := self._zones.first(led, _ZONE_AHEAD_S):
             return f"would fly into no-fly zone {zone}"
         held = self._nearness(present, others)

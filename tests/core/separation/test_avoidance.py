@@ -120,7 +120,27 @@ def test_a_vehicle_that_holds_does_not_fly_on_into_higher_ground_beside_its_rout
     )
     order_check._ground._elevation = elevation_of(hill(*place_m, 60.0, 60.0, 70.0), 3000.0)
     order_check._ground._terrain = TerrainTable(file="ground.tif", min_agl_m=50.0, max_agl_m=150.0)
-    assert order_check.release_problem(vehicle, order_check.predict(t_ns)).endswith("m below the flight band")
+    assert order_check.release_problem(vehicle, order_check.predict(t_ns)).endswith("below the flight band")
+
+
+def test_a_vehicle_over_terrain_does_not_fly_on_while_it_may_turn_to_either_side():
+    """In wind it turned to the other side than predicted: 100 m beside its route, 35 m above the ground."""
+    sky = crossing()
+    while not sky.told(NoticeCode.AVOIDS):
+        fly_on(sky, 0.4)
+    ((_, notice),) = sky.told(NoticeCode.AVOIDS)
+    order_check = sky.run_.engine.stages.avoidances._order_check
+    order_check._ground._elevation = elevation_of(hill(0.0, 0.0, 0.0, 60.0, 60.0), 3000.0)
+    order_check._ground._terrain = TerrainTable(file="ground.tif", min_agl_m=10.0, max_agl_m=500.0)
+    turns_rad = []
+    while not sky.told(NoticeCode.AVOIDS_NO_LONGER):
+        flights = order_check.predict(sky.run_.t_ns)
+        turns_rad.append(abs(flights.of(notice.vehicle, "AUTO").turn_rad))
+        if turns_rad[-1] > 2.4:
+            assert order_check.release_problem(notice.vehicle, flights)
+        fly_on(sky, 0.4)
+    assert max(turns_rad) > 2.4
+    assert turns_rad[-1] < 2.4
 
 
 @pytest.mark.parametrize("px4", [(), (1, 2)])
