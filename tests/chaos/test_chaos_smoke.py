@@ -28,6 +28,7 @@ def fly(folder: Path, *faults: Fault, is_bridge_alone: bool) -> Flight:
     return flight
 
 
+@pytest.mark.real_time
 def test_of_two_live_commands_after_a_partition_one_reaches_the_vehicles(tmp_path: Path) -> None:
     radio = Fault(0.5, "radio", "reorder", 4.0)
     partition = Fault(1.0, "command to all", "cut", 4.0)

@@ -10,9 +10,9 @@ import struct
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeAlias
 
 import jsonschema
 import pytest
@@ -47,12 +47,33 @@ def display(url: str) -> ClientConnection:
     return connect(url, subprotocols=["foxglove.sdk.v1"], proxy=None, max_size=None)
 
 
-def received(client: ClientConnection, *topics: str) -> dict[str, tuple[dict[str, Any], list[Any]]]:
-    """Subscribe to topics as they are advertised; return each channel, and messages of it."""
-    found: dict[str, tuple[dict[str, Any], list[Any]]] = {}
+Found: TypeAlias = dict[str, tuple[dict[str, Any], list[Any]]]
+"""Each channel, and messages of it."""
+
+
+def has_messages(found: Found, *topics: str) -> bool:
+    return all(topic in found and found[topic][1] for topic in topics)
+
+
+def places(found: Found) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+    """Return fixes, each with where its frame is at its time."""
+    if not has_messages(found, FIX, "/tf"):
+        return []
+    moved = {
+        (one["child_frame_id"], *one["timestamp"].values()): one["translation"] for one in found["/tf"][1]
+    }
+    times = [(fix["frame_id"], *fix["timestamp"].values()) for fix in found[FIX][1]]
+    return [(fix, moved[at]) for fix, at in zip(found[FIX][1], times, strict=True) if at in moved]
+
+
+def received(client: ClientConnection, is_enough: Callable[[Found], object]) -> Found:
+    """Subscribe to topics as they are advertised; return what came until it is enough."""
+    found: Found = {}
     until_s = time.monotonic() + WAIT_S
-    while missing := [topic for topic in topics if topic not in found or not found[topic][1]]:
-        assert time.monotonic() < until_s, f"no message of {missing}"
+    while not is_enough(found):
+        assert time.monotonic() < until_s, (
+            f"messages of {[name for name, (_, got) in found.items() if got]} only"
+        )
         try:
             message = client.recv(1.0)
         except TimeoutError:
@@ -78,7 +99,9 @@ def test_a_display_gets_positions_areas_and_notices_with_their_schemas(fly, laun
         assert flight.request("/api/orders?wait_s=10", zone)[0] == 200
         with foxglove(flight.endpoint) as (process, url):
             with display(url) as client:
-                found = received(client, FIX, "/tf", "/map/areas", "/notices")
+                found = received(
+                    client, lambda got: places(got) and has_messages(got, "/map/areas", "/notices")
+                )
             for channel, messages in found.values():
                 assert channel["encoding"] == "json"
                 assert channel["schemaEncoding"] == "jsonschema"
@@ -86,15 +109,14 @@ def test_a_display_gets_positions_areas_and_notices_with_their_schemas(fly, laun
                     jsonschema.validate(message, json.loads(channel["schema"]))
             (area,) = json.loads(found["/map/areas"][1][0]["geojson"])["features"]
             assert area["properties"]["name"] == "exclusion area or no-fly zone, up to 80 m above ground"
-            channel, (fix, *_) = found[FIX]
+            channel, _ = found[FIX]
+            fix, moved = places(found)[0]
             assert channel["schemaName"] == "foxglove.LocationFix"
             place = config.local_frame.to_local(fix["latitude"], fix["longitude"])
-            frames = [one for one in found["/tf"][1] if one["child_frame_id"] == fix["frame_id"]]
-            moved = [one["translation"] for one in frames if one["timestamp"] == fix["timestamp"]]
-            assert place == pytest.approx((moved[0]["x"], moved[0]["y"]), abs=0.02)
+            assert place == pytest.approx((moved["x"], moved["y"]), abs=0.02)
             assert place[1] == pytest.approx(300.0, abs=250.0)  # it circles near where it was launched
             with display(url) as late:  # areas are sent once, and again to who comes later
-                assert received(late, "/map/areas", "/scene/areas")
+                received(late, lambda got: has_messages(got, "/map/areas", "/scene/areas"))
             process.send_signal(signal.SIGINT)
             assert process.wait(10.0) == 0
 

@@ -90,6 +90,7 @@ def _half_open(port: int, count: int) -> Iterator[socket.socket]:
         yield link
 
 
+@pytest.mark.real_time
 def test_a_thousand_requests_that_never_end_hold_few_descriptors_and_lock_nobody_out(
     fly, monkeypatch
 ) -> None:

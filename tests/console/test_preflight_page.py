@@ -47,6 +47,7 @@ def test_nothing_is_started_where_there_is_no_mission_file(fly):
         assert (code, json.loads(body)) == (200, {"possible": False, "running": False, "result": None})
 
 
+@pytest.mark.real_time
 @pytest.mark.timeout(300)
 def test_the_page_says_which_vehicle_must_not_fly_and_what_to_do(field, page, tmp_path):
     command = [sys.executable, "-P", "-m", "gcs", "run", str(field), "--headless", "--console", "127.0.0.1:0"]

@@ -62,6 +62,7 @@ def test_vehicles_and_alarms_arrive_by_udp_with_hostile_texts_as_text(fly, launc
             assert "sending to udp://" in process.stdout.read()
 
 
+@pytest.mark.real_time
 def test_a_server_that_closes_or_stops_reading_gets_another_connection(fly, launch):
     with listening(socket.SOCK_STREAM) as server, fly() as flight:
         launch(flight)

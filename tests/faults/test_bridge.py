@@ -77,6 +77,7 @@ def lost(flight: Flight, name: str) -> list[AgentStatus]:
     return [one for one in flight.run.all(name, AgentStatus) if one.status == "lost"]
 
 
+@pytest.mark.real_time
 def test_vehicles_hear_heartbeats_while_command_is_stopped(flight: Flight) -> None:
     service = flight.serve("flown")
     begin_s = time.monotonic()
@@ -111,6 +112,7 @@ def test_a_command_that_is_killed_and_started_again_takes_its_bridge_over(
     bridge.wait(5.0)
 
 
+@pytest.mark.real_time
 def test_without_a_command_the_heartbeats_end_after_the_time_of_a_failover(
     flight: Flight, tmp_path: Path
 ) -> None:
@@ -130,6 +132,7 @@ def test_without_a_command_the_heartbeats_end_after_the_time_of_a_failover(
         assert max(times_ns) / NS_PER_S > killed_unix_s + FAILOVER_S - MAX_GAP_S
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize(
     ("end", "cause"),
     [
@@ -161,6 +164,7 @@ def with_standby(flight: Flight) -> None:
     flight.run.file.write_text(flight.run.file.read_text().replace("[links]", named, 1))
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize("stop", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
 def test_a_standby_takes_over_and_nothing_is_uploaded_again(
     flight: Flight, tmp_path: Path, stop: signal.Signals
@@ -193,6 +197,7 @@ def test_a_standby_takes_over_and_nothing_is_uploaded_again(
     assert not lost(flight, "second")
 
 
+@pytest.mark.real_time
 def test_a_standby_takes_over_the_bridge_that_was_started_again(flight: Flight, tmp_path: Path) -> None:
     with_standby(flight)
     first = flight.serve("first")
@@ -208,6 +213,7 @@ def test_a_standby_takes_over_the_bridge_that_was_started_again(flight: Flight, 
     assert not noticed(flight.run.all("second", Notice), NoticeCode.BRIDGE_ENDED)
 
 
+@pytest.mark.real_time
 @pytest.mark.timeout(400)  # nodes start several times
 def test_a_standby_starts_the_bridge_again_that_ended_with_command(flight: Flight, tmp_path: Path) -> None:
     with_standby(flight)
@@ -222,6 +228,7 @@ def test_a_standby_starts_the_bridge_again_that_ended_with_command(flight: Fligh
     assert not flight.run.all("second", UploadReport)
 
 
+@pytest.mark.real_time
 @pytest.mark.timeout(400)
 def test_a_node_that_was_killed_becomes_the_standby_of_the_one_that_took_over(
     flight: Flight, tmp_path: Path
@@ -247,6 +254,7 @@ def test_a_node_that_was_killed_becomes_the_standby_of_the_one_that_took_over(
     assert not bridges(tmp_path)
 
 
+@pytest.mark.real_time
 def test_a_standby_ends_with_a_command_that_ends_in_order(flight: Flight) -> None:
     with_standby(flight)
     first = flight.serve("first")
@@ -269,6 +277,7 @@ def bridge(flight: Flight) -> Iterator[subprocess.Popen[bytes]]:
     running.kill()
 
 
+@pytest.mark.real_time
 def test_a_bridge_elsewhere_serves_one_command_after_the_other_and_never_two(
     flight: Flight, bridge: subprocess.Popen[bytes], tmp_path: Path
 ) -> None:
@@ -294,6 +303,7 @@ def test_a_bridge_elsewhere_serves_one_command_after_the_other_and_never_two(
     assert bridge.wait(20.0) == 0
 
 
+@pytest.mark.real_time
 def test_of_two_bridges_one_may_end_and_a_standby_still_takes_over(flight: Flight) -> None:
     with_standby(flight)
     text = flight.run.file.read_text()

@@ -88,6 +88,7 @@ def test_a_step_is_a_notice_and_ticks_go_on(wall: WallClock) -> None:
     assert ticks[-1] - ticks[0] > 1.0 * NS_PER_S
 
 
+@pytest.mark.real_time
 def test_a_mission_is_flown_to_its_end_while_the_wall_clock_is_set(
     wall: WallClock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

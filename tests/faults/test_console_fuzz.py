@@ -10,6 +10,7 @@ MAX_GAP_S = 1.5
 """Beside the time for which the service, and the tap that measures, wait for a processor."""
 
 
+@pytest.mark.real_time
 @pytest.mark.timeout(200)
 def test_hostile_requests_stop_no_heartbeat_and_lock_no_operator_out(tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))

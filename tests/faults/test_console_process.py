@@ -110,6 +110,7 @@ def test_a_killed_console_is_back_at_its_address_and_the_flight_goes_on(run: Run
     run.until_told("flown", NoticeCode.PROCESS_AGAIN)
 
 
+@pytest.mark.real_time
 def test_a_stopped_console_with_pages_delays_no_heartbeat(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     relay = free_port()
@@ -138,6 +139,7 @@ def test_a_stopped_console_with_pages_delays_no_heartbeat(tmp_path: Path, monkey
         assert max(later - earlier for earlier, later in pairwise(within)) < MAX_GAP_S
 
 
+@pytest.mark.real_time
 def test_two_consoles_show_the_same_service_and_both_command_it(run: Run) -> None:
     _, url = started(run)
     run.until("flown", lambda said: said.count("verified by read-back") >= 4, 120.0)
@@ -156,6 +158,7 @@ def test_two_consoles_show_the_same_service_and_both_command_it(run: Run) -> Non
         assert other.wait(20.0) == 0
 
 
+@pytest.mark.real_time
 def test_a_console_says_that_its_service_is_gone_and_goes_on_with_the_next_one(run: Run) -> None:
     first = run.serve("first")
     command = [*GCS, "console", "--connect", run.zenoh, "--console", "127.0.0.1:0"]
@@ -181,6 +184,7 @@ def test_a_console_says_that_its_service_is_gone_and_goes_on_with_the_next_one(r
             assert (found["type"], found["lost"], len(found["vehicles"])) == ("snapshot", None, 4)
 
 
+@pytest.mark.real_time
 def test_the_console_ends_with_a_killed_service_and_its_port_is_free(run: Run) -> None:
     service, url = started(run)
     status(url)
@@ -194,6 +198,7 @@ def test_the_console_ends_with_a_killed_service_and_its_port_is_free(run: Run) -
         pass
 
 
+@pytest.mark.real_time
 def test_a_console_without_a_service_says_what_to_do() -> None:
     command = [*GCS, "console", "--connect", "tcp/127.0.0.1:9", "--mission", "none"]
     found = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -170,6 +170,7 @@ def assert_flown(folder: Path, code: int) -> list[NoticeCode]:
 # ---------------------------------------------------------------- whole missions, as a user runs them
 
 
+@pytest.mark.real_time
 def test_an_unread_terminal_loses_frames_and_nothing_else(tmp_path: Path) -> None:
     ours, theirs = os.openpty()
     environment = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "120", "LINES": "40"}
@@ -186,6 +187,7 @@ def test_an_unread_terminal_loses_frames_and_nothing_else(tmp_path: Path) -> Non
     assert said is NoticeCode.OUTPUT_BLOCKED
 
 
+@pytest.mark.real_time
 def test_a_pipe_that_is_closed_is_an_alarm_and_the_mission_is_flown_to_its_end(tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}  # and what it lacks ends nothing either
     command = demo(tmp_path / "run", "--headless")
@@ -202,6 +204,7 @@ def test_a_pipe_that_is_closed_is_an_alarm_and_the_mission_is_flown_to_its_end(t
     assert said is NoticeCode.OUTPUT_ENDED
 
 
+@pytest.mark.real_time
 def test_a_terminal_that_hangs_up_is_an_alarm_and_the_mission_is_flown_to_its_end(tmp_path: Path) -> None:
     ours, theirs = os.openpty()
     process = subprocess.Popen(

@@ -50,6 +50,7 @@ def heartbeats_ns(folder: Path) -> list[list[int]]:
     return list(sent.values())
 
 
+@pytest.mark.real_time
 def test_a_service_whose_clock_is_set_and_that_is_stopped_in_flight_loses_no_vehicle(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

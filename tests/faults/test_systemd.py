@@ -23,6 +23,7 @@ def received(manager: socket.socket) -> list[str]:
             return messages
 
 
+@pytest.mark.real_time
 def test_systemd_hears_of_the_start_of_signs_of_life_and_of_the_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -80,7 +80,7 @@ class Demo:
 def demo(tmp_path: Path, request: pytest.FixtureRequest) -> Any:
     arguments = getattr(request, "param", ())
     if arguments == "short":
-        arguments = (str(short_mission(tmp_path)), "--pack", "4")
+        arguments = (str(short_mission(tmp_path)), "--pack", "4", "--loss", "0.1")
     running = Demo(tmp_path / "run", *arguments)
     yield running
     running.stop()
@@ -94,7 +94,7 @@ def is_running(pid: int) -> bool:
 
 
 @pytest.mark.parametrize("demo", ["short"], indirect=True)
-def test_a_mission_is_flown_recorded_and_evaluated(demo: Demo) -> None:
+def test_a_mission_is_flown_over_lossy_links_recorded_and_evaluated(demo: Demo) -> None:
     result = demo.result()
     assert demo.process.returncode == 0, demo.lines
     keys = "scenario seed outcome reason duration_s agents targets_total targets_reached retasks uploads"
@@ -112,6 +112,7 @@ def test_a_mission_is_flown_recorded_and_evaluated(demo: Demo) -> None:
     assert sum(isinstance(value, Truth) for value in values) > 20
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize("demo", [("prescribed", "--seed", "3", "--loss", "0.2")], indirect=True)
 def test_killed_vehicles_lossy_links_and_hostile_bytes_are_seen_through(demo: Demo) -> None:
     port = int(demo.await_line(r"listens on UDP port (\d+)")[1])
@@ -142,6 +143,7 @@ def _bombard(port: int, process: subprocess.Popen[str]) -> None:
             time.sleep(0.01)
 
 
+@pytest.mark.real_time
 def test_ctrl_c_ends_every_process_and_leaves_a_readable_recording(demo: Demo) -> None:
     pids = demo.pids()
     demo.await_line(r" [1-9]\d\.\d\d s")
@@ -159,6 +161,7 @@ def test_ctrl_c_ends_every_process_and_leaves_a_readable_recording(demo: Demo) -
     assert type(values[-1]).__name__ != "Damage"
 
 
+@pytest.mark.real_time
 def test_vehicles_end_when_the_demo_is_killed(demo: Demo) -> None:
     pids = demo.pids()
     demo.await_line(r" [34]\d\.\d\d s")  # seconds of wall time after the first plan, which is flushed by then

@@ -123,6 +123,7 @@ def reports(recording: Path) -> list[UploadReport]:
     return [value for value in values if isinstance(value, UploadReport)]
 
 
+@pytest.mark.real_time
 def test_mavsdk_and_mavproxy_work_with_all_vehicles_while_missions_change(tmp_path: Path) -> None:
     port, mission = free_port(), tmp_path / "mission.toml"
     mission.write_text(restless(read_text("prescribed")[0], port))

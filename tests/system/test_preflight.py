@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 
+import pytest
 from click.testing import Result
 from typer.testing import CliRunner
 
@@ -44,6 +45,7 @@ def test_a_fence_is_brought_and_a_bad_failsafe_keeps_the_swarm_on_the_ground(fie
     assert rows[None, "routes"] == "ok"
 
 
+@pytest.mark.real_time
 def test_while_the_service_runs_preparations_go_through_it_and_vehicles_keep_its_heartbeats(field, tmp_path):
     arguments = [
         sys.executable,

@@ -169,6 +169,7 @@ def test_the_log_of_a_failed_launch_is_kept_and_its_folder_is_named(
     assert "vehicle 1 waits until it can be armed" in told, "a launch takes minutes"
 
 
+@pytest.mark.real_time
 def test_a_demo_leaves_the_logs_of_the_firmware_beside_the_recording(
     ended_firmware: Path, tmp_path: Path
 ) -> None:

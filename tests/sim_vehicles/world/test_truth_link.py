@@ -43,6 +43,7 @@ def test_a_reported_position_is_taken_only_while_no_true_one_comes(monkeypatch: 
     assert source.requests(20.0) == []
 
 
+@pytest.mark.real_time
 def test_sensors_see_a_vehicle_that_flies_already() -> None:
     probe = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     probe.bind(("127.0.0.1", 0))
