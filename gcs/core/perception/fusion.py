@@ -94,7 +94,10 @@ class MultiSensorTracker:
         sensor = _with_noise(scan.sensor)
         if self._config.tracking.correct_sensors:
             sensor = estimation.corrected(sensor)
-        sensor = estimation.bounded(sensor, t_ns)
+        others = (one for one in state.estimations.values() if one is not estimation)
+        sensor = estimation.bounded(
+            sensor, t_ns, is_shared=any(one.looks_there(sensor, t_ns) for one in others)
+        )
         scan = replace(scan, sensor=sensor)
         # Terrain hides agents and targets in different places, and moves slant ranges differently.
         at_agents = self._sight.scan_of(scan, "agents")
