@@ -36,3 +36,10 @@ def test_a_crashed_agent_that_one_sensor_claims_to_see_is_lost_with_an_alarm_tha
         if (one.subject, one.parameters["kind"]) == ("radar", "agent")
     ]
     assert alarm.parameters["other"] == "rogue"
+
+
+def test_two_radars_and_a_camera_that_say_the_truth_contradict_each_other_nowhere():
+    effects: list[Effect] = []
+    VirtualRun(load("radars"), 3, on_effect=lambda _t_ns, effect: effects.append(effect)).run(300.0)
+    assert [one.vehicle for one in effects if isinstance(one, AgentStatus) and one.status == "lost"] == [2]
+    assert noticed(effects, NoticeCode.SENSORS_CONTRADICT) == []

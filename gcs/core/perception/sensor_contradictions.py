@@ -31,6 +31,8 @@ from gcs.tracking.models.sensor_geometry import noise_m2
 CERTAIN_LOG_RATIO = math.log(1e8)
 """At 1e6 to 1, honest sensors would contradict each other every few hours of 100 tracks."""
 _MAX_LOG_RATIO = 2.0 * CERTAIN_LOG_RATIO
+_MAX_SENSORS = 100
+"""Number of sensors that are compared for one track."""
 _FORGET_NS = 10 * NS_PER_S
 """Time without a contradiction, or without the track in view, after which it is over."""
 
@@ -128,7 +130,7 @@ def _add_scan(found: dict[str, Misses], sensor: str, t_ns: int, ratio: float, *,
     """Add what a scan of a sensor tells of a track, as a log-likelihood ratio of absence and presence."""
     if is_hit:
         found.pop(sensor, None)
-    else:
+    elif sensor in found or len(found) < _MAX_SENSORS:
         own = found.setdefault(sensor, Misses(t_ns))
         own.t_ns = t_ns
         own.log_ratio = min(own.log_ratio + ratio, _MAX_LOG_RATIO)
@@ -136,7 +138,7 @@ def _add_scan(found: dict[str, Misses], sensor: str, t_ns: int, ratio: float, *,
         if name == sensor:
             continue
         seen = min(misses.seen.get(sensor, 0.0) - ratio, _MAX_LOG_RATIO)
-        if seen > 0.0:
+        if seen > 0.0 and (sensor in misses.seen or len(misses.seen) < _MAX_SENSORS):
             misses.seen[sensor] = seen
         else:
             misses.seen.pop(sensor, None)
