@@ -1438,7 +1438,16 @@ class NoticeCode(TableCode):
         "vehicles fly their verified missions to the end; their failsafes act when the heartbeats end",
         "check those bridges, and the network to them; see failover",
     )
-    LEASE_AGAIN = _link("lease-again", _I, "commands the vehicles again", ends="lease-missing")
+    ORDER_NOT_TAKEN = _link(
+        "order-not-taken",
+        _W,
+        "order {action} was not taken: this node sends nothing to the vehicles now",
+        "nothing was done; the node that commands answers, if it got the order",
+        "order again when this node commands, or at the node that commands",
+    )
+    LEASE_AGAIN = _link(
+        "lease-again", _I, "commands the vehicles again", ends="lease-missing order-not-taken"
+    )
     BRIDGE_UNRECORDED = _link(
         "bridge-unrecorded",
         _W,

@@ -13,6 +13,7 @@ import secrets
 import socket
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -113,9 +114,12 @@ def _connected_to_local(
     """Connect to the bridge of this machine."""
     settings = process.settings
     lease = _lease_of(config, (settings.name,), delay_ns)
-    with ZenohSession(connect=settings.zenoh) as bus:
-        one = BridgeLinks(settings, bus, lease, process.poll, process.started.ports, scan)
+    connect = partial(ZenohSession, connect=settings.zenoh)
+    one = BridgeLinks(settings, connect, lease, process.poll, process.started.ports, scan)
+    try:
         yield AllBridges([one], lease)
+    finally:
+        one.disconnect()
 
 
 @contextlib.contextmanager
@@ -133,8 +137,9 @@ def _connected_to_all(
         found = []
         for name in names:
             settings = bridge_settings(config, source, links, name)
-            bus = stack.enter_context(ZenohSession(connect=settings.zenoh, tls=settings.tls_folder))
-            found.append(BridgeLinks(settings, bus, lease, scan=scan))
+            connect = partial(ZenohSession, connect=settings.zenoh, tls=settings.tls_folder)
+            found.append(BridgeLinks(settings, connect, lease, scan=scan))
+            stack.callback(found[-1].disconnect)
         yield AllBridges(found, lease)
 
 

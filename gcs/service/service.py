@@ -48,6 +48,7 @@ from gcs.model import (
     MissionEnded,
     Notice,
     NoticeCode,
+    Order,
     Parameter,
     Picture,
     Plan,
@@ -258,8 +259,13 @@ class Service:
 
     def _queue_orders(self) -> None:
         t_ns = self.clock.now_ns()
+        may_command = self.links.may_command()
         for event in (*self._orders.take_due(t_ns), *self._orders.news(t_ns, order_key(self.config.name))):
-            self._put(event)
+            if may_command or not isinstance(event, Order) or event.action == "status":
+                self._put(event)
+            else:  # another node may carry it out; senders repeat it
+                self._orders.forget(event.order_id)
+                self.on_notice("command", NoticeCode.ORDER_NOT_TAKEN, action=event.action)
 
     def _answer_refused_orders(self) -> None:
         """Tell senders that their orders are not taken: these never were events, so nothing is recorded."""

@@ -12,6 +12,7 @@ import contextlib
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from time import monotonic
 from typing import Final, Protocol
 
@@ -121,7 +122,7 @@ class Standby:
         self._t_ns = 0
         self._clock = RunClock()
         self._batches: deque[EventBatch] = deque(maxlen=_MAX_BATCHES)
-        self._reply: StateReply | None = None
+        self._reply: tuple[StateReply, RunClock] | None = None
         self._asked_s = -_ASK_EVERY_S
         self._heard_s = monotonic()
         self._has_ended = False
@@ -186,17 +187,20 @@ class Standby:
         reply = self._reply
         self._reply = None
         if self._number is None and reply is not None:
-            self._begin(reply)
+            self._begin(*reply)
         if self._number is None and monotonic() - self._asked_s >= _ASK_EVERY_S:
             self._asked_s = monotonic()
-            self._bus.ask(snapshot_key(self._mission), b"", _ANSWER_S, self._on_reply, lambda: None)
+            on_reply = partial(self._on_reply, self._asked_s)
+            self._bus.ask(snapshot_key(self._mission), b"", _ANSWER_S, on_reply, lambda: None)
 
-    def _on_reply(self, key: str, payload: bytes) -> None:
-        """Keep the state, on a thread of zenoh."""
+    def _on_reply(self, asked_s: float, key: str, payload: bytes) -> None:
+        """Keep the state and command's clock, on a thread of zenoh; both ways took equal times."""
+        answered_s = 0.5 * (asked_s + monotonic())
         with contextlib.suppress(WireError):
-            self._reply = decode_reply(key, payload)
+            reply = decode_reply(key, payload)
+            self._reply = reply, reply.clock.clock(monotonic() - answered_s)
 
-    def _begin(self, reply: StateReply) -> None:
+    def _begin(self, reply: StateReply, clock: RunClock) -> None:
         if reply.fingerprint != self._fingerprint:
             raise LinkError(
                 "standby", "command flies another mission file, or another seed; use the same here"
@@ -209,7 +213,7 @@ class Standby:
         self._has_state = True
         self._number = reply.number
         self._t_ns = reply.t_ns
-        self._clock = reply.clock.clock()
+        self._clock = clock
         self._say("has the state of command and follows it")
 
     def _lose(self, why: str) -> None:
@@ -240,6 +244,7 @@ class Standby:
                 return
             self._number += 1
             self._t_ns = event.t_ns
+            self._clock = self._clock.not_before(event.t_ns)
 
     def _differs(self, check: StateCheck | None) -> bool:
         """Return True if the state is not that of command before the same event."""

@@ -31,8 +31,8 @@ from helpers.chaos_surroundings import PROGRAM, Surroundings, full_disk, stopped
 from helpers.heartbeat_tap import HeartbeatTap
 from helpers.processes import Run, bridges, free_port, node_of
 
-MISSION_S: Final = 200.0
-"""Flight of `deterministic`, with time for what the faults cost."""
+MISSION_S: Final = 400.0
+"""Flight of `deterministic`, with time for what the faults cost, and for holds that wait."""
 _POLL_S: Final = 0.02
 _AGAIN_S: Final = 1.0
 """Until a bridge by itself that has ended is started again."""
@@ -41,8 +41,8 @@ _TAKE_OVER_S: Final = 25.0
 _SETTLE_S: Final = 5.0
 _OUTAGE_S: Final = 60.0
 """For a bridge and a command to start on a busy machine."""
-_HEAL_S: Final = 10.0
-"""Time after a partition in which a node that missed the lease may still take over."""
+_HEAL_S: Final = 4.0
+"""Time after a partition in which a node may still take over: what was late comes, and a lease ends."""
 
 
 @dataclass(slots=True)
@@ -294,6 +294,8 @@ class ChaosRun:
         if fault.deed == "restart":
             standby.process.wait()
             self._standby = self._start(standby.role)  # at the same endpoint
+        else:
+            self.run.until(standby.name, lambda said: not _follows(said))
 
     def _harm_paths(self, fault: Fault) -> None:
         """Cut or slow paths; command and standby may change places, unless the standby alone was cut off."""
@@ -306,7 +308,7 @@ class ChaosRun:
             time.sleep(_POLL_S)
         for path in paths:
             path.heal()
-        self._see_take_over(command, time.monotonic(), 2.0, notes=False)
+        self._see_take_over(command, time.monotonic(), _HEAL_S, notes=False)
         if self._command is command:
             return
         if fault.part == "standby to all":

@@ -26,9 +26,12 @@ from gcs.model import (
     NS_PER_S,
     AgentStatus,
     Event,
+    Notice,
+    NoticeCode,
     OrderAnswer,
     Picture,
     Resumed,
+    Scan,
     Send,
     Snapshot,
     Truth,
@@ -45,6 +48,8 @@ _UNREADABLE_S: Final = 1.5
 
 _PICTURE_SCANS: Final = 5
 """Until the picture is right after the end of a fault."""
+_AHEAD_S: Final = 0.05
+"""Of a clock of sensors before that of a node."""
 _OFF_M: Final = 20.0
 """Of a track from its object."""
 
@@ -53,6 +58,7 @@ class _Kept(NamedTuple):
     node: Node
     folder: Path
     records: list[Record]
+    damage: tuple[Damage, ...]
 
     @property
     def name(self) -> str:
@@ -80,6 +86,7 @@ def check(flight: Flight) -> None:
     flight.problems += _repeated_orders(list(_while_they_command(kept)))
     flight.problems += _other_states(flight, kept)
     flight.problems += _lost(kept)
+    flight.problems += _wrong_clocks(flight, kept)
     flight.problems += _wrong_pictures(flight)
     for node in flight.nodes:
         said = (flight.folder / f"{node.name}.log").read_text()
@@ -94,23 +101,38 @@ def _recordings(flight: Flight) -> list[_Kept]:
     """Read all recordings, in order; note those that are not readable to the last second."""
     found = []
     for node in flight.nodes:
-        for folder in recordings_of(flight.folder, node):
-            try:
-                records = list(read(folder))
-            except RecordingError as error:
-                flight.problems.append(f"recording {folder.name}: {error}")
-                continue
-            damage = [record.value for record in records if isinstance(record.value, Damage)]
-            records = [record for record in records if not isinstance(record.value, Damage)]
-            if records:
-                begin_s, end_s = (_unix_s(flight, records[n].t_ns) for n in (0, -1))
-                ends_s = min((one for one in node.ends_unix_s if one > begin_s), default=None)
-                if ends_s is None:
-                    flight.problems += [f"recording {folder.name}: {one.problem}" for one in damage]
-                elif ends_s - end_s > _UNREADABLE_S:
-                    flight.problems.append(f"recording {folder.name} lacks its last {ends_s - end_s:.1f} s")
-                found.append(_Kept(node, folder, records))
+        kept = sorted(_readable(flight, node), key=_begin_t_ns)
+        begins_s = [_unix_s(flight, _begin_t_ns(one)) for one in kept]
+        for one, begin_s, next_s in zip(kept, begins_s, [*begins_s, inf][1:], strict=True):
+            ends_s = min((end_s for end_s in node.ends_unix_s if begin_s < end_s < next_s), default=None)
+            last_s = _unix_s(flight, one.records[-1].t_ns)
+            if ends_s is None:
+                flight.problems += [f"recording {one.name}: {damage.problem}" for damage in one.damage]
+            elif ends_s - last_s > _UNREADABLE_S:
+                flight.problems.append(f"recording {one.name} lacks its last {ends_s - last_s:.1f} s")
+        found += kept
     return sorted(found, key=lambda one: one.records[0].t_ns)
+
+
+def _readable(flight: Flight, node: Node) -> Iterator[_Kept]:
+    """Read the recordings of a node that have records; note those that cannot be read."""
+    for folder in recordings_of(flight.folder, node):
+        try:
+            records = list(read(folder))
+        except RecordingError as error:
+            flight.problems.append(f"recording {folder.name}: {error}")
+            continue
+        damage = tuple(record.value for record in records if isinstance(record.value, Damage))
+        records = [record for record in records if not isinstance(record.value, Damage)]
+        if records:
+            yield _Kept(node, folder, records, damage)
+
+
+def _begin_t_ns(kept: _Kept) -> int:
+    """Return the time of the first record; a snapshot before it has the time at which it was saved."""
+    return next(
+        (one.t_ns for one in kept.records if not isinstance(one.value, Snapshot)), kept.records[-1].t_ns
+    )
 
 
 def _while_they_command(kept: list[_Kept]) -> Iterator[_Kept]:
@@ -215,13 +237,22 @@ def _place(item: dialect.MAVLink_mission_item_int_message) -> tuple[object, ...]
 
 
 def _repeated_orders(kept: list[_Kept]) -> Iterator[str]:
-    """Each order has one result for each vehicle, whichever node gave it."""
+    """Each order has one result for each vehicle, whichever node gave it.
+
+    A node that has lost the lease sends nothing; it may still see what it had ordered.
+    """
     results = Counter[tuple[str, int]]()
     for one in kept:
+        has_lease = True
         for record in one.records:
             answer = record.value
-            if isinstance(answer, OrderAnswer) and answer.vehicle is not None and answer.state == "done":
-                results[answer.order_id, answer.vehicle] += 1
+            if isinstance(answer, Notice) and answer.code in (
+                NoticeCode.LEASE_MISSING,
+                NoticeCode.LEASE_AGAIN,
+            ):
+                has_lease = answer.code is NoticeCode.LEASE_AGAIN
+            elif isinstance(answer, OrderAnswer) and answer.vehicle is not None and answer.state == "done":
+                results[answer.order_id, answer.vehicle] += has_lease
     for (order, vehicle), count in results.items():
         if count > 1:
             yield f"order {order} was carried out {count} times by vehicle {vehicle}"
@@ -270,6 +301,15 @@ def _lost(kept: list[_Kept]) -> Iterator[str]:
                 yield f"{one.name}: vehicle {record.value.vehicle} {record.value.status}"
 
 
+def _wrong_clocks(flight: Flight, kept: list[_Kept]) -> Iterator[str]:
+    """No node's clock is behind that of the sensors, however often command has changed."""
+    for one in kept:
+        scans = [record for record in one.records if isinstance(record.value, Scan)]
+        ahead_s = [(one.value.measured_t_ns - one.t_ns) / flight.speed / NS_PER_S for one in scans]
+        if scans and float(np.median(ahead_s)) > _AHEAD_S:
+            yield f"{one.name}: its clock is {np.median(ahead_s):.2f} s behind that of the sensor"
+
+
 def _other_states(flight: Flight, kept: list[_Kept]) -> Iterator[str]:
     """The state with which a standby takes over is that of the command before it."""
     for before, after in pairwise(kept):
@@ -315,7 +355,7 @@ def _engine_at(kept: _Kept, batches: list[bytes], t_ns: int) -> tuple[Engine, in
         snapshot = values[begin]
         assert isinstance(snapshot, Snapshot)
         engine.state = decode_state(kept.name, snapshot.data)
-    last_t_ns = 0
+    last_t_ns = max((one.t_ns for one in values[:begin] if isinstance(one, Event)), default=0)
     for value in values[begin:]:
         if isinstance(value, Event) and not isinstance(value, Truth):
             if value.t_ns > t_ns:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -17,6 +17,9 @@ Deed: TypeAlias = Literal[
 
 PATHS: tuple[Part, ...] = ("command to bridge", "command to all", "standby to all", "all paths")
 """TCP connections between the processes."""
+
+_FLY_TO_THE_END: Final = 0.25
+"""Share of the runs in which the mission must end; the others end after their faults, in half the time."""
 
 
 class Fault(NamedTuple):
@@ -64,7 +67,8 @@ def draw_schedule(seed: int) -> Schedule:
         for _ in range(3)
     ]
     is_bridge_alone = is_of_network or bool(rng.random() < 0.4)  # paths to a bridge need an address
-    return Schedule(is_bridge_alone, tuple(sorted(faults)), tuple(sorted(orders)))
+    flies_to_the_end = bool(rng.random() < _FLY_TO_THE_END)
+    return Schedule(is_bridge_alone, tuple(sorted(faults)), tuple(sorted(orders)), flies_to_the_end)
 
 
 def _process_faults(rng: np.random.Generator, main_s: float) -> list[Fault]:

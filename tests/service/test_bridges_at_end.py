@@ -48,7 +48,7 @@ async def fly(bus: Bus, fails_at: int | None) -> AllBridges:
     """Run a service for a second, or until a program error at an event."""
     session = cast(ZenohSession, bus)
     lease = CommandLease("command", ("main",), 0, is_only_node=False)
-    bridge = BridgeLinks(SETTINGS, session, lease)
+    bridge = BridgeLinks(SETTINGS, lambda: session, lease)
     links = AllBridges([bridge], lease)
     service = Service(CONFIG, 1, links, session)
     effects = service.engine.effects

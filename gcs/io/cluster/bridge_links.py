@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import threading
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Final
 
 from gcs.core.lease.lease_messages import TIMES, Answer, Ask
-from gcs.errors import LinkError, WireError
+from gcs.errors import GcsError, LinkError, WireError
 from gcs.io.background_writer import BackgroundWriter
 from gcs.io.clock import RunClock, steady_ns
 from gcs.io.cluster.bridge_messages import (
@@ -45,6 +46,9 @@ _MAX_UNREAD: Final = 500
 """Messages of a bridge that wait for the loop; later ones are dropped, as by the buffer of a socket."""
 _MAX_SILENCE_NS: Final = 6 * NS_PER_S // 5
 """A bridge sends its status each second."""
+_DEAF_NS: Final = 15 * NS_PER_S
+"""Silence after which the session is opened again: longer than a start of a bridge, and than zenoh's lease of
+10 s, after which zenoh connects again by itself, but for some cases (its issue 2806)."""
 _MAX_ASKS: Final = 2
 """Asks that wait for a bridge that does not read: the next one asks again."""
 _ANSWER_S: Final = 1.0
@@ -58,8 +62,8 @@ class BridgeLinks:
     ----------
     settings : BridgeSettings
         Settings of the bridge, which has opened their links.
-    bus : ZenohSession
-        Session that reaches the bridge.
+    connect : callable
+        Opens a session that reaches the bridge; again after a long silence.
     lease : CommandLease
         Lease of this node over all bridges.
     supervise : callable
@@ -68,12 +72,17 @@ class BridgeLinks:
         Port of each endpoint by name.
     scan : callable
         Returns the frames of a datagram.
+
+    Raises
+    ------
+    LinkError, ConfigError
+        As `connect` does.
     """
 
     def __init__(
         self,
         settings: BridgeSettings,
-        bus: ZenohSession,
+        connect: Callable[[], ZenohSession],
         lease: CommandLease,
         supervise: Callable[[], NoticeContent | None] = lambda: None,
         ports: Mapping[str, int] | None = None,
@@ -84,7 +93,8 @@ class BridgeLinks:
         self.name = f"bridge {settings.name}"
         """Name in notices."""
         self._vehicles = settings.vehicles
-        self._bus = bus
+        self._connect = connect
+        self._bus = connect()
         self._key = partial(bridge_key, settings.mission, settings.name)
         self._lease = lease
         self._scan = scan
@@ -104,8 +114,8 @@ class BridgeLinks:
         self._boot = 0
         self._number: int | None = None
         """Of the newest message of the bridge."""
-        self._heard_ns = self._steady_since_ns = steady_ns()
-        """Monotonic times of its last message, and of the first one after a silence."""
+        self._heard_ns = self._steady_since_ns = self._connected_ns = steady_ns()
+        """Monotonic times: of its last message, of the first one after a silence, of the newest session."""
         self._writer = BackgroundWriter(self.name, _MAX_UNSENT)
         self._asks = BackgroundWriter(f"{self.name}, lease", _MAX_ASKS)
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -122,8 +132,23 @@ class BridgeLinks:
         self._is_busy = busy
         if self._loop is None:  # else a standby begins to command
             self._loop = loop
-            self._bus.subscribe(self._key("up"), self._take)
-            self._bus.subscribe(self._key("status"), self._take_status)
+            self._subscribe(self._bus)
+
+    def _subscribe(self, bus: ZenohSession) -> None:
+        bus.subscribe(self._key("up"), self._take)
+        bus.subscribe(self._key("status"), self._take_status)
+
+    def _connect_again(self) -> None:
+        """Replace a session that hears nothing, on a thread: it may not have come back after a silence."""
+        with contextlib.suppress(GcsError):  # later again
+            bus = self._connect()
+            if self._loop is not None:
+                self._subscribe(bus)
+            old = self._bus
+            self._bus = bus
+            self._writer = BackgroundWriter(self.name, _MAX_UNSENT)
+            self._asks = BackgroundWriter(f"{self.name}, lease", _MAX_ASKS)
+            old.close()
 
     # ------------------------------------------------------------ in
 
@@ -194,6 +219,10 @@ class BridgeLinks:
 
     def ask(self, ask: Ask) -> None:
         """Ask the bridge for the lease, or renew it; on a thread, since a stopped bridge may block it."""
+        now_ns = steady_ns()
+        if now_ns - max(self._heard_ns, self._connected_ns) > _DEAF_NS:
+            self._connected_ns = now_ns
+            threading.Thread(target=self._connect_again, name=f"connect {self.name}", daemon=True).start()
         if self._writer.error is None:  # else another node is to command
             self._asks.put(lambda: self._send_ask(ask))
 
@@ -238,6 +267,10 @@ class BridgeLinks:
         if in_order and (permit := self._lease.permit(self.bridge)):
             self._put(Down(permit=permit, ends=True))
         self._writer.drain(_END_S)
+
+    def disconnect(self) -> None:
+        """Close the session."""
+        self._bus.close()
 
     # ------------------------------------------------------------ state
 

@@ -23,7 +23,7 @@ from gcs.core.lease.lease_messages import Answer, Ask, Permit
 from gcs.io import message_pack
 from gcs.io.clock import RunClock, unix_ns
 from gcs.io.message_pack import decoder, encoder
-from gcs.model import Notice, Picture
+from gcs.model import NS_PER_S, Notice, Picture
 
 VERSION: Final = 1
 MAX_BYTES: Final = 8 * 1024 * 1024
@@ -75,9 +75,9 @@ class ClockTime(msgspec.Struct, frozen=True, array_like=True):
         """Return the time of a clock now."""
         return cls(clock.now_ns(), clock.speed)
 
-    def clock(self) -> RunClock:
-        """Return a clock that shows this time now."""
-        return RunClock(unix_ns(), self.t_ns, self.speed)
+    def clock(self, age_s: float = 0.0) -> RunClock:
+        """Return a clock that shows this time now, or with the age of the message a later one."""
+        return RunClock(unix_ns(), self.t_ns + int(age_s * self.speed * NS_PER_S), self.speed)
 
 
 class Down(Message, frozen=True, kw_only=True, omit_defaults=True):

@@ -175,6 +175,11 @@ class OrderInbox:
             del self._accepted_ids[next(iter(self._accepted_ids))]
         return order
 
+    def forget(self, order_id: str) -> None:
+        """Take an order again that was not carried out, when its sender repeats it."""
+        with self._lock:
+            self._accepted_ids.pop(order_id, None)
+
     def take_refusals(self, t_ns: int) -> list[OrderAnswer]:
         """Return an answer to the last refused order of each sender."""
         with self._lock:
