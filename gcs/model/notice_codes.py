@@ -1248,6 +1248,24 @@ class NoticeCode(TableCode):
         "{estimated:.2f} of the objects in view are detected, {announced:.2f} announced: in agreement again",
         ends="detection-wrong",
     )
+    SENSORS_CONTRADICT = _sensor(
+        "sensors-contradict",
+        _A,
+        "misses the {kind} that sensor {other} detects at {east_m:.0f} m east, {north_m:.0f} m north: one of "
+        "the two is wrong",
+        "both have it in view, and by what they announce it is no chance (1e8 to 1): a blocked view, wrong "
+        "alignment, wrong values, or false detections ([sensors](sensors.md#several-sensors))",
+        "ask a third sensor, the vehicle, or look: which is wrong? Stop that sensor, or remove its line in "
+        "`nodes.toml` ([security](security.md))",
+        by="other",
+    )
+    SENSORS_AGREE = _sensor(
+        "sensors-agree",
+        _I,
+        "misses no object that sensor {other} detects any more",
+        ends="sensors-contradict",
+        by="other",
+    )
     BAD_INPUT = _mission(
         "bad-input",
         _W,

@@ -13,7 +13,9 @@ lie:
 
 Each for hostile scans at 1, 2 and 10 Hz, within 60 s; "no" if it does not come about.
 
-    python tests/bench/bench_rogue_sensor.py [--seeds 3]
+Behind each the seconds until an alarm says that the two sensors contradict each other.
+
+    python tests/bench/bench_rogue_sensor.py [--seeds 3] [--lies revive ghost]
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.model import NS_PER_S, AgentStatus, Effect, Picture, Plan, Scan, Sensor, Truth
+from gcs.model import NS_PER_S, AgentStatus, Effect, Notice, NoticeCode, Picture, Plan, Scan, Sensor, Truth
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import load
 
@@ -45,6 +47,8 @@ class Watch:
     truths: list[Truth] = field(default_factory=list)
     lost_s: dict[int, float] = field(default_factory=dict)
     to_ghost_s: float | None = None
+    alarm_s: float | None = None
+    """First time that two sensors contradict each other."""
 
     def effect(self, t_ns: int, effect: Effect) -> None:
         """Note pictures, losses, and the first route to the ghost."""
@@ -53,6 +57,8 @@ class Watch:
             self.pictures[effect.kind] = effect
         elif isinstance(effect, AgentStatus) and effect.status == "lost":
             self.lost_s.setdefault(effect.vehicle, t_s)
+        elif isinstance(effect, Notice) and effect.code is NoticeCode.SENSORS_CONTRADICT:
+            self.alarm_s = t_s if self.alarm_s is None else self.alarm_s
         elif isinstance(effect, Plan) and self.to_ghost_s is None and "targets" in self.pictures:
             ghosts = {
                 track.label
@@ -120,7 +126,7 @@ class Rogue:
 
 
 def fly(lie: str, rate_hz: float, seed: int) -> str:
-    """Fly; return what came of the lie."""
+    """Fly; return what came of the lie, and when an alarm named both sensors."""
     watch = Watch()
     run = VirtualRun(load("prescribed"), seed, on_effect=watch.effect, on_truth=watch.truths.append)
     rogue = Rogue(lie, run, watch)
@@ -145,6 +151,12 @@ def fly(lie: str, rate_hz: float, seed: int) -> str:
             worst_m = max(worst_m, distance_m)
             if distance_m > NEAR_M and gone_s is None:
                 gone_s = t_s
+    came = outcome(lie, watch, gone_s, worst_m)
+    return f"{came} (alarm {seconds(watch.alarm_s, begin_s)})"
+
+
+def outcome(lie: str, watch: Watch, gone_s: float | None, worst_m: float) -> str:
+    """Return what came of the lie."""
     match lie:
         case "kill an agent":
             return seconds(watch.lost_s.get(AGENT), BEGIN_S)
@@ -168,8 +180,9 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--lies", nargs="+", choices=LIES, default=LIES)
     arguments = parser.parse_args()
-    for lie in LIES:
+    for lie in arguments.lies:
         for rate_hz in (1.0, 2.0, 10.0):
             results = [fly(lie, rate_hz, seed) for seed in range(1, arguments.seeds + 1)]
             print(f"{lie:15} {rate_hz:4.0f} Hz  {'; '.join(results)}", flush=True)

@@ -3,7 +3,9 @@
 The fourth status, down, comes from the vehicle's own telemetry (`gcs.core.flight.phases`).
 
 An agent is lost when its track is lost (`track_lifecycle.TrackConfirmation.is_lost` compares the existence
-probability with `lost_existence`), or after `UNSEEN_S` without track and report. It is active again only when
+probability with `lost_existence`), or after `UNSEEN_S` without track and report. After `UNSEEN_S` without
+report, a track that a single sensor detects against another one (`sensor_contradictions`) is no proof of
+life: else one sensor could keep a crashed vehicle in the air for ever. The agent is active again only when
 it reports and is associated with a track above `REVIVE_EXISTENCE`: clutter near a lost agent does not revive
 it.
 
@@ -15,13 +17,13 @@ mission, or closes a zone there (`gcs.core.operator.arrived_agents`).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.perception.perception_state import AgentSighting
 from gcs.core.perception.track_lifecycle import TrackConfirmation
 from gcs.core.state import Agent
-from gcs.model import NS_PER_S, AgentStatus, Track
+from gcs.model import NS_PER_S, AgentStatus, Label, Track
 
 REVIVE_EXISTENCE = 0.9
 ARRIVAL_EPOCHS = 2
@@ -47,6 +49,7 @@ class AgentStatusMonitor:
         agents: TrackConfirmation,
         targets: TrackConfirmation,
         reporting: set[int],
+        single_witness: Container[Label] = (),
     ) -> list[AgentStatus]:
         """Update all statuses after one scan; return those that changed.
 
@@ -56,6 +59,8 @@ class AgentStatusMonitor:
             Arrival and measurement time of the scan.
         reporting
             Vehicles with a fresh position report.
+        single_witness
+            Tracks of agents that one sensor alone detects, against another one.
         """
         changed = []
         for vehicle, agent in self._agents.items():
@@ -66,11 +71,14 @@ class AgentStatusMonitor:
             track = agents.tracks.get(label) if label is not None else None
             if label is not None or vehicle in reporting:
                 sighting.seen_t_ns = t_ns
+            if vehicle in reporting:
+                sighting.reported_t_ns = t_ns
             if track is not None and track.estimated:
                 sighting.position_m = (float(track.mean[0]), float(track.mean[1]))
             route = agent.routes.flown
             target = None if route is None else targets.tracks.get(route.target)
             is_lost = label is not None and agents.is_lost(label)
+            is_lost |= label in single_witness and _is_silent(t_ns, sighting)
             after = None
             if before.status == "active":
                 near = track is not None and target is not None and self._is_at(track, target)
@@ -99,6 +107,10 @@ class AgentStatusMonitor:
         if not track.estimated or distance_m > self._capture_radius_m:
             return False
         return not self._zones.contain((float(track.mean[0]), float(track.mean[1])))
+
+
+def _is_silent(t_ns: int, sighting: AgentSighting) -> bool:
+    return sighting.reported_t_ns is not None and t_ns - sighting.reported_t_ns > UNSEEN_S * NS_PER_S
 
 
 def _is_unseen(t_ns: int, sighting: AgentSighting) -> bool:

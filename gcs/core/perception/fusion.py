@@ -94,7 +94,10 @@ class MultiSensorTracker:
         sensor = _with_noise(scan.sensor)
         if self._config.tracking.correct_sensors:
             sensor = estimation.corrected(sensor)
-        sensor = estimation.bounded(sensor, t_ns)
+        others = (one for one in state.estimations.values() if one is not estimation)
+        sensor = estimation.bounded(
+            sensor, t_ns, is_shared=any(one.looks_there(sensor, t_ns) for one in others)
+        )
         scan = replace(scan, sensor=sensor)
         # Terrain hides agents and targets in different places, and moves slant ranges differently.
         at_agents = self._sight.scan_of(scan, "agents")
@@ -114,7 +117,15 @@ class MultiSensorTracker:
         detected = ours.detected + theirs.detected
         in_view = ours.in_view + theirs.in_view
         estimation.add_scan(float((1.0 - explained).sum()), detected, in_view)
-        return agents, self.targets.extract(scan.t_ns, at_targets.sensor)
+        targets = self.targets.extract(scan.t_ns, at_targets.sensor)
+        if len(state.estimations) > 1:
+            confirmed = [
+                *self.agents.confirmation.tracks.values(),
+                *self.targets.confirmation.tracks.values(),
+            ]
+            state.contradictions.update("agents", at_agents, agents.tracks, confirmed)
+            state.contradictions.update("targets", at_targets, targets.tracks, confirmed)
+        return agents, targets
 
     def lagged_pictures(self, t_ns: int) -> list[LaggedPicture]:
         """Return the pictures of some scans ago, after `scan`."""
@@ -149,9 +160,12 @@ class MultiSensorTracker:
         return -1 if t_ns is None else t_ns
 
     def notices(self, scan: Scan) -> list[Notice]:
-        """Return notices about the model of a processed scan's sensor, and about untracked detections."""
+        """Return notices about a processed scan's sensor, other sensors, and untracked detections."""
         findings = self._estimation(scan.sensor.name).findings(scan.sensor)
         notices = [_finding_notice(scan, one) for one in findings]
+        pictures = [one.picture for one in (self.agents, self.targets) if one.picture is not None]
+        tracks = [(picture.kind, track) for picture in pictures for track in picture.tracks]
+        notices += self.state.contradictions.notices(scan.t_ns, tracks)
         return notices + self.untracked.notices(scan.t_ns)
 
     def _estimation(self, sensor: str) -> SensorEstimation:

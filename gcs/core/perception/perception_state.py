@@ -9,6 +9,7 @@ from typing import NamedTuple
 from gcs.core.perception.input_errors import InputErrors
 from gcs.core.perception.out_of_sequence_buffer import OutOfSequenceBuffer
 from gcs.core.perception.scan_timing import ScanTiming
+from gcs.core.perception.sensor_contradictions import SensorContradictions
 from gcs.core.perception.sensor_watchdog import SensorWatchdog
 from gcs.model import AgentStatus, Label, VehicleState
 from gcs.tracking.glmb.filter_state import GlmbState
@@ -59,6 +60,8 @@ class AgentSighting:
     """Time of the first scan without a track or report of the agent; None after the first of these."""
     seen_t_ns: int | None = None
     """Time of the last scan with a track or report of the agent."""
+    reported_t_ns: int | None = None
+    """Time of the last scan with a report of the agent."""
     position_m: tuple[float, float] | None = None
     """East and north of the last detected track."""
     at_target: ConsecutiveEpochs = field(default_factory=ConsecutiveEpochs)
@@ -187,6 +190,7 @@ class TrackersState:
     """Time of the last high-latency report that was used, by vehicle."""
     estimations: dict[str, SensorEstimation] = field(default_factory=dict)
     """Estimated model of each sensor, the least recently heard first."""
+    contradictions: SensorContradictions = field(default_factory=SensorContradictions)
     untracked: UntrackedState = field(default_factory=UntrackedState)
 
 

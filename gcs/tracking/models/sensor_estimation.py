@@ -17,7 +17,9 @@ A filter takes the misses of successive scans as independent. Those of one senso
 shorter the time between scans: what hides an object, or is wrong with the sensor, lasts. `bounded` limits
 what they count: within a time dt <= 1 s an object in view is missed with a probability of at least
 ``MIN_MISSED_PER_S ** dt``. So no rate of scans, and no announced detection probability, tells more against
-a track in a second (`docs/decisions/0057-misses-of-one-sensor-are-bounded.md`).
+a track in a second (`docs/decisions/0057-misses-of-one-sensor-are-bounded.md`). Where another sensor looks,
+too, it is the square root of that: what one sensor alone would tell needs the misses of two
+(`docs/decisions/0063-two-sensors-decide.md`).
 """
 
 from __future__ import annotations
@@ -47,6 +49,10 @@ _MAX_CLUTTER_CORRECTION = 50.0
 """Largest factor of a correction of the clutter rate."""
 MIN_MISSED_PER_S = 0.005
 """Least probability that one sensor misses an object in view in all its scans of a second."""
+MIN_MISSED_SHARED_PER_S = math.sqrt(MIN_MISSED_PER_S)
+"""The same while another sensor looks at a part of its field of view."""
+_SHARED_NS = 5 * NS_PER_S
+"""Time from a sensor's last scan for which it looks there."""
 _MIN_DETECTION = 0.05
 _MAX_DETECTION = 0.999
 
@@ -105,12 +111,27 @@ class SensorEstimation:
     """True for each value, "clutter" or "detection", with a reported contradiction."""
     scan_t_ns: int | None = None
     """Measurement time of the last scan."""
+    field_m: tuple[float, float, float, float] | None = None
+    """Its field of view: least east and north, greatest east and north."""
 
-    def bounded(self, sensor: Sensor, t_ns: int) -> Sensor:
-        """Return the sensor of the next scan, measured at `t_ns`, with a bounded detection probability."""
+    def looks_there(self, sensor: Sensor, t_ns: int) -> bool:
+        """Return True if this sensor's last scan is recent, and of a part of another one's field of view."""
+        if self.scan_t_ns is None or self.field_m is None or t_ns - self.scan_t_ns > _SHARED_NS:
+            return False
+        west, south, east, north = self.field_m
+        other_west, other_south, other_east, other_north = sensor.field_of_view_m
+        return west < other_east and other_west < east and south < other_north and other_south < north
+
+    def bounded(self, sensor: Sensor, t_ns: int, *, is_shared: bool = False) -> Sensor:
+        """Return the sensor of the next scan, measured at `t_ns`, with a bounded detection probability.
+
+        `is_shared` means that another sensor looks at a part of its field of view.
+        """
         passed_s = 1.0 if self.scan_t_ns is None else (t_ns - self.scan_t_ns) / NS_PER_S
         self.scan_t_ns = t_ns
-        most = 1.0 - MIN_MISSED_PER_S ** min(max(passed_s, 0.0), 1.0)
+        self.field_m = sensor.field_of_view_m
+        least = MIN_MISSED_SHARED_PER_S if is_shared else MIN_MISSED_PER_S
+        most = 1.0 - least ** min(max(passed_s, 0.0), 1.0)
         if sensor.detection_probability <= most:
             return sensor
         return replace(sensor, detection_probability=most)

@@ -23,7 +23,17 @@ class Scene:
         self.monitor = AgentStatusMonitor(self.agents, zones(mission()), RADIUS_M)
         self.t_s = 0
 
-    def scan(self, agent=None, target=None, *, associated=True, reporting=True, tasked=True, again=False):
+    def scan(
+        self,
+        agent=None,
+        target=None,
+        *,
+        associated=True,
+        reporting=True,
+        tasked=True,
+        again=False,
+        single_witness=(),
+    ):
         """Process a scan with this agent's and this target's track; return (vehicle, status) that changed."""
         self.t_s += not again
         agents = confirmed(agent) if agent else NO_TRACKS
@@ -31,7 +41,7 @@ class Scene:
         self.agents[1].perception.association.label = AGENT if associated else None
         self.agents[1].routes.flown = ROUTE if tasked else None
         changed = self.monitor.update(
-            at(self.t_s), at(self.t_s), agents, targets, {1} if reporting else set()
+            at(self.t_s), at(self.t_s), agents, targets, {1} if reporting else set(), single_witness
         )
         assert all(status.t_ns == at(self.t_s) for status in changed)
         return [(status.vehicle, status.status) for status in changed]
@@ -85,6 +95,23 @@ def test_a_clutter_point_near_a_lost_agent_does_not_revive_it():
         assert scene.scan(flying(), goal(), reporting=False) == []
         assert scene.scan(None, goal(), associated=False, reporting=False) == []
     assert scene.status.status == "lost"
+
+
+def test_one_sensor_alone_does_not_keep_a_silent_agent_alive():
+    scene = Scene()
+    alone = {"single_witness": {AGENT}}
+    assert [scene.scan(flying(), goal(), **alone) for _ in range(10)] == [[]] * 10  # it reports
+    silent = [scene.scan(flying(), goal(), reporting=False, **alone) for _ in range(round(UNSEEN_S) + 1)]
+    assert silent == [[]] * round(UNSEEN_S) + [[(1, "lost")]]
+    for _ in range(5):  # the sensor goes on with its claim
+        assert scene.scan(flying(), goal(), reporting=False, **alone) == []
+    assert scene.scan(flying(), goal(), **alone) == [(1, "active")]
+
+
+def test_a_silent_agent_that_no_other_sensor_could_see_flies_on():
+    scene = Scene()
+    scene.scan(flying(), goal())
+    assert [scene.scan(flying(), goal(), reporting=False) for _ in range(30)] == [[]] * 30
 
 
 def test_a_lost_agent_is_active_again_only_with_a_report_and_a_sure_track_associated_to_it():

@@ -148,6 +148,19 @@ def test_a_fast_sensor_that_leaves_an_agent_out_cannot_end_its_track_against_rep
     assert near(sky.agents, place, 15.0)
 
 
+def test_a_fast_sensor_that_leaves_a_target_out_cannot_end_its_track_while_the_radar_detects_it():
+    """Its track fell out of the picture 0.6 s after the first of ten scans a second."""
+    sky = Sky(mission(agents=[START], births=[GOAL]))
+    rogue = replace(RADAR, name="rogue", detection_probability=0.99)
+    for tenth in range(200):
+        t_s = 0.1 * tenth
+        if tenth % 10 == 0:
+            sky.scan(t_s, START, GOAL)
+        elif t_s > 5.0:
+            sky.trackers.scan(replace(scan(t_s, START), sensor=rogue), [])
+            assert near(sky.targets, GOAL, 15.0), t_s
+
+
 def test_a_vehicle_that_reports_where_nothing_is_known_comes_back_into_the_picture():
     sky, lost = Sky(mission(agents=[START], births=[GOAL])), (900.0, 900.0)
     for t_s in range(6):

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from gcs.config.schema import TelemetryTable
+from gcs.core.perception.detection_gate import GATE_CHI2, near
 from gcs.core.perception.mahalanobis import squared_distances
-from gcs.core.perception.position_integrity import _GATE_CHI2, PositionIntegrityMonitor, _near
+from gcs.core.perception.position_integrity import PositionIntegrityMonitor
 from gcs.core.state import State
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.model import NS_PER_S, Notice, NoticeCode, Scan, Sensor, Track, VehicleState, read_only
@@ -183,8 +184,8 @@ def test_the_tree_finds_the_pairs_that_all_distances_show(seed):
     points[rng.random(m) < 0.1] = np.nan
     roots = rng.normal(0.0, 8.0, (n, 2, 2))
     S = roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(2)
-    rows, columns = _near(places, S, points)
-    wanted = np.argwhere(squared_distances(points, places, S).T <= _GATE_CHI2)
+    rows, columns = near(places, S, points)
+    wanted = np.argwhere(squared_distances(points, places, S).T <= GATE_CHI2)
     assert sorted(zip(rows.tolist(), columns.tolist(), strict=True)) == [
         tuple(pair) for pair in wanted.tolist()
     ]

@@ -1,6 +1,7 @@
 """A wrongly announced sensor misleads every decision: the operator must be warned, once."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -105,6 +106,20 @@ def test_misses_of_one_sensor_count_no_more_the_more_often_it_scans():
             t_ns = round(scan * period_s * NS_PER_S)
             missed *= 1.0 - estimation.bounded(sensor(p_d=1.0), t_ns).detection_probability
         assert math.log(missed) >= (10.0 + 1.0) * math.log(MIN_MISSED_PER_S)
+
+
+def test_misses_where_another_sensor_looks_count_half_as_much_until_it_is_silent_or_looks_away():
+    other = SensorEstimation()
+    other.bounded(sensor(), 0)
+    elsewhere = replace(sensor(), field_of_view_m=(-500.0, 0.0, -1.0, 1000.0))
+    assert other.looks_there(sensor(), 5 * NS_PER_S)
+    assert not other.looks_there(sensor(), 6 * NS_PER_S)
+    assert not other.looks_there(elsewhere, 0)
+    alone, shared = (
+        SensorEstimation().bounded(sensor(p_d=1.0), 0, is_shared=is_shared).detection_probability
+        for is_shared in (False, True)
+    )
+    assert (1.0 - shared) ** 2 == pytest.approx(1.0 - alone)
 
 
 def test_a_sensor_with_usual_misses_is_taken_as_it_announces_itself():
