@@ -34,6 +34,8 @@ SPAN = re.compile(r"`([^`]+)`")
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SAVED = re.compile(r"\b[Ss]ave (?:this|it) as `([\w.]+)`.*?^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
+SMOKE = "first-demo"
+"""Page whose commands are run by `pytest` alone, too; those of all by `pytest -m real_time`."""
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 
 
@@ -160,7 +162,15 @@ def documented_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.timeout(300)  # many commands, each as long as a test
-@pytest.mark.parametrize("page", [page for page in PAGES if run_commands(page)], ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=() if page.stem == SMOKE else pytest.mark.real_time)
+        for page in PAGES
+        if run_commands(page)
+    ],
+    ids=lambda page: page.stem,
+)
 def test_the_commands_of_a_page_succeed_one_after_another(
     page: Path, documented_files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

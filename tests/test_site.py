@@ -18,6 +18,7 @@ if not all(map(find_spec, ("mkdocs", "material", "mkdocstrings", "mkdocstrings_h
 ROOT = Path(__file__).parents[1]
 
 
+@pytest.mark.real_time
 @pytest.mark.timeout(300)
 def test_the_site_is_built_without_a_warning_and_is_complete(tmp_path: Path) -> None:
     """Missing pages, links and anchors are errors (`strict`)."""

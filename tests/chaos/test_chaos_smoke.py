@@ -38,6 +38,7 @@ def test_of_two_live_commands_after_a_partition_one_reaches_the_vehicles(tmp_pat
     assert len(recorded) == 2  # the standby took over from a command that went on
 
 
+@pytest.mark.real_time
 def test_a_take_over_is_seen_by_no_vehicle(tmp_path: Path) -> None:
     flight = fly(tmp_path, Fault(1.0, "command", "kill"), is_bridge_alone=False)
     assert flight.problems == []

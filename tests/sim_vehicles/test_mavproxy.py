@@ -94,6 +94,7 @@ def waypoint_file(path: Path, places) -> None:
     path.write_text("\n".join(lines) + "\n")
 
 
+@pytest.mark.real_time
 def test_connect_parameters_mission_and_modes(proxy, tmp_path):
     proxy.until("Detected vehicle 7:1")
     proxy.until("Received ")

@@ -99,7 +99,7 @@ def update_statuses(stages: Stages, epoch: Epoch) -> list[Effect]:
     agents = stages.trackers.agents.confirmation
     targets = stages.trackers.targets.confirmation
     effects: list[Effect] = []
-    single_witness = stages.trackers.state.contradictions.single_witness("agents")
+    single_witness = stages.state.perception.trackers.contradictions.single_witness("agents")
     changes = stages.agent_status.update(
         epoch.t_ns, epoch.measured_t_ns, agents, targets, epoch.reporting, single_witness
     )
