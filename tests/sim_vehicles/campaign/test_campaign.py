@@ -84,6 +84,7 @@ def test_a_missing_service_is_reported():
         list(fly_on_dask([], "tcp://127.0.0.1:1", timeout_s=0.5))
 
 
+@pytest.mark.real_time
 def test_the_command_writes_results_and_report_and_goes_on(tmp_path):
     command = [*GCS, "montecarlo", "prescribed", "--runs", "1", "-o", str(tmp_path), "--json"]
     command += ["--set", QUICK[0], "--sweep", "planning.period_s=2,5", "--workers", "1", "--parquet"]
