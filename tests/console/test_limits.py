@@ -146,6 +146,7 @@ def test_places_are_for_those_who_may_operate() -> None:
     assert len(clients) == 8
 
 
+@pytest.mark.real_time
 def test_what_a_page_sends_is_bounded(fly) -> None:
     def send_without_end(page: ClientConnection) -> None:
         for _ in range(1000):

@@ -63,6 +63,7 @@ class Measurements:
             self.notices.append(effect)
 
 
+@pytest.mark.real_time
 def test_fifteen_thousand_orders_stall_nothing_and_the_operators_own_is_carried_out():
     seen, config = Measurements(), load("prescribed")
 
@@ -241,6 +242,7 @@ def _link() -> socket.socket:
     return link
 
 
+@pytest.mark.real_time
 def test_hold_all_goes_before_the_orders_of_a_program_that_sends_a_thousand_a_second(monkeypatch):
     config, endpoint = load("prescribed"), free_endpoint()
     ends, answers, taken = threading.Event(), list[str](), Taken()

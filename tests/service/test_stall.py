@@ -75,7 +75,7 @@ def test_pictures_leave_before_the_rest_of_their_scan_is_processed(monkeypatch: 
     assert [type(one) for one in asyncio.run(process())] == [Picture, Plan, Notice]
 
 
-@pytest.mark.parametrize(("stall_s", "outage_s"), [(0.0, service_module.OUTAGE_S), (3.0, 2.0)])
+@pytest.mark.parametrize(("stall_s", "outage_s"), [(0.0, service_module.OUTAGE_S), (2.0, 1.0)])
 def test_a_service_that_stood_still_continues_as_after_a_restart(
     monkeypatch: pytest.MonkeyPatch, stall_s: float, outage_s: float
 ) -> None:

@@ -90,6 +90,7 @@ def test_no_key_is_sent_over_a_link_that_is_not_marked_secure(tmp_path: Path):
     assert "--yes" in refused.output
 
 
+@pytest.mark.real_time
 def test_a_vehicle_gets_its_key_and_another_even_when_that_broke_off_before(tmp_path: Path, plane: str):
     file = tmp_path / "keys.toml"
     keys("new", file, "-v", 3)

@@ -170,7 +170,9 @@ def config_of(hub: ZenohSession, folder: Path) -> zenoh.Config:
     return config
 
 
-@pytest.mark.parametrize("name", ["radar-1", "vic", "anna", "mast"])
+@pytest.mark.parametrize(
+    "name", ["radar-1", *(pytest.param(one, marks=pytest.mark.real_time) for one in ("vic", "anna", "mast"))]
+)
 @pytest.mark.parametrize("kind", ["foreign", "expired"])
 def test_a_wrong_or_expired_certificate_reaches_nothing_and_is_told_why(
     kind: str,
@@ -205,6 +207,7 @@ def test_central_command_of_another_authority_is_refused(hub: ZenohSession, tmp_
         assert session.names_connected() == []
 
 
+@pytest.mark.real_time
 def test_a_node_cannot_pose_as_central_command(keys: dict[str, Path]) -> None:
     endpoint = free_endpoint("tls")
     shutil.copy(keys["hub"] / "nodes.toml", keys["mast"])
@@ -290,6 +293,7 @@ def test_a_node_is_told_at_once_what_it_may_not_publish(
         node.publish(f"{MISSION}/{key}", b"")
 
 
+@pytest.mark.real_time
 def test_queries_go_where_the_roles_let_them(keys: dict[str, Path], hub: ZenohSession) -> None:
     def answer(query: zenoh.Query) -> None:
         query.reply(query.key_expr, b"yes")
