@@ -96,7 +96,6 @@ def demo(tmp_path: Path):
         process.terminate()
 
 
-@pytest.mark.real_time
 @pytest.mark.timeout(300)
 def test_every_action_of_the_page_has_its_effect_in_the_vehicles(demo, page):
     result = page.locator("#commands .result")

@@ -5,6 +5,8 @@ import json
 import socket
 import time
 
+import pytest
+
 from gcs.console.web.page_connections import Clients
 from gcs.model import Order
 
@@ -74,6 +76,7 @@ def test_a_no_fly_zone_of_the_page_is_drawn_and_can_be_opened(fly):
         assert read(page, {"zones"})["zones"] == []
 
 
+@pytest.mark.real_time
 def test_pages_that_do_not_read_delay_neither_the_service_nor_other_pages(fly):
     with fly() as flight:
         stalled = [upgraded(flight) for _ in range(20)]

@@ -282,6 +282,7 @@ def test_a_disk_that_blocks_does_not_delay_ticks_and_nothing_is_missing(
     assert [value.t_ns for value in recorded if isinstance(value, Tick)] == ticks.t_ns
 
 
+@pytest.mark.real_time
 def test_a_disk_that_blocks_for_long_ends_the_recording_and_not_the_flight(
     service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -306,6 +307,7 @@ def test_a_subscriber_that_does_not_read_does_not_delay_ticks(
     serve(service, lambda seen: seen.has(NoticeCode.OUTPUT_BLOCKED, "zenoh"), blocked)
 
 
+@pytest.mark.real_time
 def test_after_a_crash_at_most_a_second_is_missing(tmp_path: Path) -> None:
     code = """
 import sys, time

@@ -146,6 +146,7 @@ def test_a_simulated_world_that_would_be_refused_says_why_and_starts_nothing(
         assert words in refused.output
 
 
+@pytest.mark.real_time
 def test_nothing_secret_is_in_logs_and_recordings_and_nothing_refused_was_taken(tmp_path: Path) -> None:
     swarm = Swarm(tmp_path, tmp_path)
     swarm.until_ready()

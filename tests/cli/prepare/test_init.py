@@ -222,6 +222,7 @@ def load_text(text):
     return parse(text, "x")
 
 
+@pytest.mark.real_time
 def test_vehicles_heard_on_a_link_become_agents_and_hear_no_heartbeat(tmp_path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))

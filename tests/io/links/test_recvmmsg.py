@@ -70,6 +70,7 @@ def test_a_busy_loop_loses_no_datagrams_beyond_the_receive_buffer():
     assert heard_across([(0.6, 400)]) == [f"{number}".encode() for number in range(400)]
 
 
+@pytest.mark.real_time
 def test_datagrams_that_waited_too_long_are_not_taken_for_new():
     heard = heard_across([(1.0, 10), (2.1, 10)])
     assert heard[-1] == b"19"

@@ -85,6 +85,7 @@ def test_sensors_see_a_vehicle_that_flies_already() -> None:
     assert "its reported position is used instead" in said
 
 
+@pytest.mark.real_time
 def test_a_link_without_an_answer_is_named() -> None:
     done = subprocess.run(
         [sys.executable, "-P", "-m", "sim_vehicles", "world", "prescribed", "--link", "tcp:127.0.0.1:1",
