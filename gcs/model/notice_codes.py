@@ -1445,9 +1445,7 @@ class NoticeCode(TableCode):
         "nothing was done; the node that commands answers, if it got the order",
         "order again when this node commands, or at the node that commands",
     )
-    LEASE_AGAIN = _link(
-        "lease-again", _I, "commands the vehicles again", ends="lease-missing order-not-taken"
-    )
+    LEASE_AGAIN = _link("lease-again", _I, "commands the vehicles again", ends="lease-missing")
     BRIDGE_UNRECORDED = _link(
         "bridge-unrecorded",
         _W,

@@ -3,11 +3,10 @@
 The fourth status, down, comes from the vehicle's own telemetry (`gcs.core.flight.phases`).
 
 An agent is lost when its track is lost (`track_lifecycle.TrackConfirmation.is_lost` compares the existence
-probability with `lost_existence`), or after `UNSEEN_S` without track and report. After `UNSEEN_S` without
-report, a track that a single sensor detects against another one (`sensor_contradictions`) is no proof of
-life: else one sensor could keep a crashed vehicle in the air for ever. The agent is active again only when
-it reports and is associated with a track above `REVIVE_EXISTENCE`: clutter near a lost agent does not revive
-it.
+probability with `lost_existence`), or after `UNSEEN_S` without track and report. It is also lost after
+`UNSEEN_S` without report if one sensor alone sees it, and another one misses it (`sensor_contradictions`):
+one sensor keeps no crashed vehicle in the picture. The agent is active again only when it reports and is
+associated with a track above `REVIVE_EXISTENCE`: clutter near a lost agent does not revive it.
 
 An agent has arrived after `ARRIVAL_EPOCHS` consecutive epochs in which its confirmed track and that of its
 target are within the capture radius, outside no-fly zones. Arrival is final until an operator continues the
@@ -49,7 +48,7 @@ class AgentStatusMonitor:
         agents: TrackConfirmation,
         targets: TrackConfirmation,
         reporting: set[int],
-        single_witness: Container[Label] = (),
+        seen_by_one: Container[Label] = (),
     ) -> list[AgentStatus]:
         """Update all statuses after one scan; return those that changed.
 
@@ -59,7 +58,7 @@ class AgentStatusMonitor:
             Arrival and measurement time of the scan.
         reporting
             Vehicles with a fresh position report.
-        single_witness
+        seen_by_one
             Tracks of agents that one sensor alone detects, against another one.
         """
         changed = []
@@ -78,7 +77,7 @@ class AgentStatusMonitor:
             route = agent.routes.flown
             target = None if route is None else targets.tracks.get(route.target)
             is_lost = label is not None and agents.is_lost(label)
-            is_lost |= label in single_witness and _is_silent(t_ns, sighting)
+            is_lost |= label in seen_by_one and _is_silent(t_ns, sighting)
             after = None
             if before.status == "active":
                 near = track is not None and target is not None and self._is_at(track, target)

@@ -5,8 +5,8 @@ detected it, and each other sensor that of its scans since the first of these mi
 sensors contradict each other if both ratios pass `CERTAIN_LOG_RATIO`: one of them announces a detection
 probability or a clutter density that is wrong, or reports what is not so. Nothing here says which.
 
-A track that one sensor misses for certain, and at most one other sensor detects meanwhile, has a single
-witness. For agents that do not report that is no proof of life (`arrival_and_loss`).
+A track that one sensor misses for certain, and at most one other sensor detects meanwhile, is seen by one
+sensor alone. An agent that does not report, either, is then lost (`arrival_and_loss`).
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class SensorContradictions:
             if found:
                 after[track.label] = found
 
-    def single_witness(self, kind: Kind) -> AbstractSet[Label]:
+    def seen_by_one(self, kind: Kind) -> AbstractSet[Label]:
         """Return the tracks that a sensor misses for certain and at most one other detects meanwhile."""
         return {
             label

@@ -99,9 +99,9 @@ def update_statuses(stages: Stages, epoch: Epoch) -> list[Effect]:
     agents = stages.trackers.agents.confirmation
     targets = stages.trackers.targets.confirmation
     effects: list[Effect] = []
-    single_witness = stages.state.perception.trackers.contradictions.single_witness("agents")
+    seen_by_one = stages.state.perception.trackers.contradictions.seen_by_one("agents")
     changes = stages.agent_status.update(
-        epoch.t_ns, epoch.measured_t_ns, agents, targets, epoch.reporting, single_witness
+        epoch.t_ns, epoch.measured_t_ns, agents, targets, epoch.reporting, seen_by_one
     )
     for status in changes:
         effects.append(status)

@@ -46,9 +46,11 @@ _MAX_UNREAD: Final = 500
 """Messages of a bridge that wait for the loop; later ones are dropped, as by the buffer of a socket."""
 _MAX_SILENCE_NS: Final = 6 * NS_PER_S // 5
 """A bridge sends its status each second."""
-_DEAF_NS: Final = 15 * NS_PER_S
+_SILENT_NS: Final = 15 * NS_PER_S
 """Silence after which the session is opened again: longer than a start of a bridge, and than zenoh's lease of
 10 s, after which zenoh connects again by itself, but for some cases (its issue 2806)."""
+_BLOCKED_S: Final = 6.0
+"""Time after which zenoh has given up a blocked message."""
 _MAX_ASKS: Final = 2
 """Asks that wait for a bridge that does not read: the next one asks again."""
 _ANSWER_S: Final = 1.0
@@ -146,9 +148,10 @@ class BridgeLinks:
                 self._subscribe(bus)
             old = self._bus
             self._bus = bus
-            self._writer = BackgroundWriter(self.name, _MAX_UNSENT)
-            self._asks = BackgroundWriter(f"{self.name}, lease", _MAX_ASKS)
-            old.close()
+            old.close()  # ends a message that was blocked
+            self._writer.drain(_BLOCKED_S)
+            if self._writer.error is not None:
+                self._writer = BackgroundWriter(self.name, _MAX_UNSENT)
 
     # ------------------------------------------------------------ in
 
@@ -220,7 +223,7 @@ class BridgeLinks:
     def ask(self, ask: Ask) -> None:
         """Ask the bridge for the lease, or renew it; on a thread, since a stopped bridge may block it."""
         now_ns = steady_ns()
-        if now_ns - max(self._heard_ns, self._connected_ns) > _DEAF_NS:
+        if now_ns - max(self._heard_ns, self._connected_ns) > _SILENT_NS:
             self._connected_ns = now_ns
             threading.Thread(target=self._connect_again, name=f"connect {self.name}", daemon=True).start()
         if self._writer.error is None:  # else another node is to command

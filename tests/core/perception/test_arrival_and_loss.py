@@ -32,7 +32,7 @@ class Scene:
         reporting=True,
         tasked=True,
         again=False,
-        single_witness=(),
+        seen_by_one=(),
     ):
         """Process a scan with this agent's and this target's track; return (vehicle, status) that changed."""
         self.t_s += not again
@@ -41,7 +41,7 @@ class Scene:
         self.agents[1].perception.association.label = AGENT if associated else None
         self.agents[1].routes.flown = ROUTE if tasked else None
         changed = self.monitor.update(
-            at(self.t_s), at(self.t_s), agents, targets, {1} if reporting else set(), single_witness
+            at(self.t_s), at(self.t_s), agents, targets, {1} if reporting else set(), seen_by_one
         )
         assert all(status.t_ns == at(self.t_s) for status in changed)
         return [(status.vehicle, status.status) for status in changed]
@@ -99,7 +99,7 @@ def test_a_clutter_point_near_a_lost_agent_does_not_revive_it():
 
 def test_one_sensor_alone_does_not_keep_a_silent_agent_alive():
     scene = Scene()
-    alone = {"single_witness": {AGENT}}
+    alone = {"seen_by_one": {AGENT}}
     assert [scene.scan(flying(), goal(), **alone) for _ in range(10)] == [[]] * 10  # it reports
     silent = [scene.scan(flying(), goal(), reporting=False, **alone) for _ in range(round(UNSEEN_S) + 1)]
     assert silent == [[]] * round(UNSEEN_S) + [[(1, "lost")]]

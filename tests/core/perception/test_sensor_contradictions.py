@@ -86,7 +86,7 @@ def test_what_a_sensor_does_not_cover_up_to_the_edge_of_its_view_it_does_not_mis
             sky.second(radar=True)
             sky.second(field, camera=False)
         assert sky.notices == []
-        assert sky.contradictions.single_witness("agents") == set()
+        assert sky.contradictions.seen_by_one("agents") == set()
 
 
 def test_an_object_that_ends_is_missed_by_all_and_no_contradiction():
@@ -96,13 +96,13 @@ def test_an_object_that_ends_is_missed_by_all_and_no_contradiction():
     assert sky.notices == []
 
 
-def test_a_track_has_a_single_witness_until_a_second_sensor_sees_it():
+def test_a_track_has_a_seen_by_one_until_a_second_sensor_sees_it():
     sky = Sky()
     sky.seconds(20, rogue=True)
-    assert sky.contradictions.single_witness("agents") == set()
+    assert sky.contradictions.seen_by_one("agents") == set()
     sky.seconds(8, rogue=True, radar=False)
-    assert sky.contradictions.single_witness("agents") == {LABEL}
+    assert sky.contradictions.seen_by_one("agents") == {LABEL}
     sky.second(rogue=True, radar=False, camera=True)
-    assert sky.contradictions.single_witness("agents") == set()
+    assert sky.contradictions.seen_by_one("agents") == set()
     sky.second(rogue=True, radar=True)
-    assert sky.contradictions.single_witness("agents") == set()
+    assert sky.contradictions.seen_by_one("agents") == set()

@@ -30,9 +30,9 @@ SETTINGS = bridge_settings(CONFIG, "deterministic", CONFIG.mavlink_links, "main"
 class Bus:
     """A session to a bridge."""
 
-    def __init__(self, *, is_deaf: bool) -> None:
+    def __init__(self, *, is_silent: bool) -> None:
         self.lease = start_lease(1, steady_ns(), is_only_bridge=True)
-        self.is_deaf = is_deaf
+        self.is_silent = is_silent
         self.is_closed = False
         self.subscribed: list[str] = []
 
@@ -40,7 +40,7 @@ class Bus:
         self.subscribed.append(key.rpartition("/")[2])
 
     def ask(self, key: str, payload: bytes, _within_s: float, answered: Callable[..., None], _: Any) -> None:
-        if not self.is_deaf:
+        if not self.is_silent:
             self.lease, answer = answer_ask(self.lease, decode(key, payload, Ask), steady_ns())
             answered(key, encode(answer))
 
@@ -51,8 +51,8 @@ class Bus:
 
 
 def test_a_session_that_hears_nothing_is_opened_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bridge_links, "_DEAF_NS", NS_PER_S // 2)
-    buses = [Bus(is_deaf=True), Bus(is_deaf=False)]
+    monkeypatch.setattr(bridge_links, "_SILENT_NS", NS_PER_S // 2)
+    buses = [Bus(is_silent=True), Bus(is_silent=False)]
     coming = iter(buses)
 
     async def wait_for_lease() -> bool:
