@@ -52,6 +52,15 @@ def test_the_list_of_commands_loads_none_of_them() -> None:
     assert done.stdout.splitlines()[-1] == "[]"
 
 
+def test_a_bridge_loads_no_engine() -> None:
+    """That takes a second at each start of a bridge, and 60 MB."""
+    code = "import sys, gcs.cli.fly.live_bridge\n"
+    code += "heavy = ('gcs.core.engine', 'gcs.planning', 'gcs.tracking')\n"
+    code += "print([name for name in heavy if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
 def test_the_help_of_a_command_loads_nothing_that_computes_or_flies() -> None:
     code = f"""
 import sys

@@ -20,7 +20,7 @@ from gcs.core.engine import Engine
 from gcs.io.background_writer import is_busy
 from gcs.io.links.vehicle_links import VehicleLinks
 from gcs.io.private_files import new_folder
-from gcs.io.recording.folder import Run, remove_empty, versions
+from gcs.io.recording.folder import RUNS_FOLDER, Run, remove_empty, versions
 from gcs.io.recording.recorder import DiskBudget, Recorder
 from gcs.io.recording.recorder_thread import RecorderThread
 from gcs.io.terminal import Printable, console_for
@@ -90,7 +90,7 @@ def open_recorder(
     RecordingError
         When the folder cannot be written, or has a recording already.
     """
-    folder = out if out is not None else new_folder(Path("runs"), name)
+    folder = out if out is not None else new_folder(RUNS_FOLDER, name)
     if _remove_empty(folder):
         text = f"{folder} had an empty recording of a run that was killed at its start; it was replaced"
         console_for(stderr=True).print(text, highlight=False, markup=False, soft_wrap=True)

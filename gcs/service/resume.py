@@ -9,6 +9,7 @@ from rich.console import Console
 from gcs.core.snapshot import decode_state
 from gcs.core.state import State
 from gcs.errors import JournalError, WireError
+from gcs.io.recording.folder import RUNS_FOLDER
 from gcs.model import NS_PER_S, NoticeCode, Snapshot
 from gcs.service.journal import Journal
 from gcs.service.service import Service
@@ -19,7 +20,7 @@ _STALE_S = 900.0
 
 def default_path(mission: str) -> Path:
     """Return the default path of a mission's journal, in the folder of the recordings."""
-    return Path("runs") / f"{mission}.journal"
+    return RUNS_FOLDER / f"{mission}.journal"
 
 
 def resume_from_journal(

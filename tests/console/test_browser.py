@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
+from helpers.processes import GCS
 from playwright.sync_api import expect
 
 from gcs.config import read_text
@@ -74,26 +74,17 @@ def demo(tmp_path: Path):
     text = text.replace("[{ system_id = 2, at_s = 50.0 }]", "[]")
     mission = tmp_path / "mission.toml"
     mission.write_text(text)
-    command = [
-        sys.executable,
-        "-m",
-        "gcs",
-        "demo",
-        str(mission),
-        "--pack",
-        "4",
-        "--headless",
-        "--out",
-        str(tmp_path / "run"),
-    ]
+    command = [*GCS, "demo", str(mission), "--pack", "4", "--headless", "--out", str(tmp_path / "run")]
     with (tmp_path / "log").open("w") as log, subprocess.Popen(command, stdout=log, stderr=log) as process:
-        until_s, found = time.monotonic() + 90.0, None
-        while found is None and time.monotonic() < until_s:
-            time.sleep(0.2)
-            found = re.search(r"console: (\S+)", (tmp_path / "log").read_text())
-        assert found is not None
-        yield found[1]
-        process.terminate()
+        try:
+            until_s, found = time.monotonic() + 90.0, None
+            while found is None and time.monotonic() < until_s:
+                time.sleep(0.2)
+                found = re.search(r"console: (\S+)", (tmp_path / "log").read_text())
+            assert found is not None
+            yield found[1]
+        finally:
+            process.terminate()
 
 
 @pytest.mark.timeout(300)

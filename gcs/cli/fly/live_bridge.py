@@ -9,10 +9,10 @@ from rich.console import Console
 from gcs.config import Config, parse, read_text
 from gcs.errors import ConfigError
 from gcs.io.cluster.bridge_settings import bridge_settings
+from gcs.io.recording.folder import RUNS_FOLDER
 from gcs.io.systemd import watched
 from gcs.service.bridge import Bridge
 from gcs.service.bridge_process import open_bridge
-from gcs.service.resume import default_path
 from gcs.service.signals import wait_for_interrupt
 
 
@@ -32,8 +32,7 @@ def serve_bridge(scenario: str, bridge: str | None, console: Console) -> None:
     text, source = read_text(scenario)
     config = parse(text, source)
     name = _name(config, source, bridge)
-    folder = default_path(config.name).parent
-    settings = bridge_settings(config, source, config.mavlink_links, name, folder)
+    settings = bridge_settings(config, source, config.mavlink_links, name, RUNS_FOLDER)
     with open_bridge(settings) as opened:
         names = ", ".join(link.name for link in settings.links)
         console.print(

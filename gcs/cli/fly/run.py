@@ -74,21 +74,21 @@ def run(
 
     After Ctrl-C the vehicles fly their missions to the end. Started again, the service resumes.
     """
-    from gcs.cli.console_options import PageOptions
-    from gcs.cli.fly.live_service import RunStorage, serve
-    from gcs.io.clock import RunClock
-
-    run_clock = RunClock()
-    if clock is not None:  # A simulation faster than real time.
-        epoch_ns, _, speed = clock.partition(",")
-        run_clock = RunClock(int(epoch_ns), int(epoch_ns), float(speed))
     output = console_for(as_json=log_format is LogFormat.JSON)
     with exit_on_error(output if log_format is LogFormat.JSON else None):
-        if role is Role.BRIDGE:
+        if role is Role.BRIDGE:  # without the engine, which takes a second to import
             from gcs.cli.fly.live_bridge import serve_bridge
 
             serve_bridge(config, bridge, output)
             return
+        from gcs.cli.console_options import PageOptions
+        from gcs.cli.fly.live_service import RunStorage, serve
+        from gcs.io.clock import RunClock
+
+        run_clock = RunClock()
+        if clock is not None:  # A simulation faster than real time.
+            epoch_ns, _, speed = clock.partition(",")
+            run_clock = RunClock(int(epoch_ns), int(epoch_ns), float(speed))
         serve(
             config,
             seed,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
@@ -60,10 +59,11 @@ def _findings(scenario: str | None) -> Iterator[Finding]:
     from gcs.config import load
     from gcs.config.schema import RecordingTable
     from gcs.io.machine_checks import check_links, check_machine
+    from gcs.io.recording.folder import RUNS_FOLDER
 
     config = None if scenario is None else load(scenario)
     recording = RecordingTable() if config is None else config.recording
-    yield from check_machine(Path("runs"), recording.min_free_mb)
+    yield from check_machine(RUNS_FOLDER, recording.min_free_mb)
     yield _kernels()
     if config is not None:
         yield from check_links(config)

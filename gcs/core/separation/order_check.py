@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Final
 
 from gcs.config import Config
@@ -50,6 +51,9 @@ _LATER_S: Final = 15.0
 """Time in which a climb leads a vehicle a layer away."""
 _ZONE_AHEAD_S: Final = 40.0
 """Time without an incursion for which one that held may fly on: more than that at which it holds."""
+_MAX_RETURN_S: Final = 900.0
+"""Time of a way home that is checked for zones and obstacles."""
+_NOW_S: Final = 2.0
 _HOLD_MARGIN: Final = 1.3
 """Multiple of the minimum distance at which a hold is clear of others: predicted turns are off by 20 m."""
 _CLIMB_LAG_S: Final = 2.5
@@ -119,12 +123,14 @@ class OrderCheck:
     def _area_problem(self, vehicle: int, mode: str, flights: PredictedFlights) -> str:
         """Return which zone or obstacle a mode leads a vehicle to; empty if to none, or as it flies now.
 
-        RTL flies straight home. Routes keep clear of obstacles.
+        Routes keep clear of obstacles.
         """
         ordered = flights.of(vehicle, mode)
         present = flights.of(vehicle)
         if mode == LOITER:
             return self._hold_problem(ordered, present)
+        if mode == RTL:
+            return self._return_problem(ordered, present)
         zone = self._zones.first(ordered, _ZONE_AHEAD_S) if mode == AUTO else ""
         is_worse = bool(zone) and zone != self._zones.first(present, _ZONE_AHEAD_S)
         return f"would fly into no-fly zone {zone}" if is_worse else ""
@@ -134,6 +140,11 @@ class OrderCheck:
         for_s = _round_s(hold)
         problem = self._zones.problem(hold, for_s, self._zones.margin_m)
         return problem if problem and problem != self._zones.problem(present, for_s) else ""
+
+    def _return_problem(self, back: Flight, present: Flight) -> str:
+        """Return which zone or obstacle RTL leads to; empty if to none, or if the vehicle is in it now."""
+        problem = self._zones.problem_on_way(back, _way_s(back))
+        return problem if problem and problem != self._zones.problem(present, _NOW_S) else ""
 
     def release_problem(self, vehicle: int, flights: PredictedFlights) -> str:
         """Return what one that holds would come near to if it flew on: a vehicle, the ground, or a zone.
@@ -465,6 +476,13 @@ def _round_s(flight: Flight) -> float:
     last = flight.goals[-1]
     leg_m = (last.east_m - flight.east_m, last.north_m - flight.north_m)
     return min(flight.time_s(leg_m, 2.0 * math.pi * abs(last.radius_m)), _MAX_AHEAD_S)
+
+
+def _way_s(flight: Flight) -> float:
+    """Return the time of a flight over all its goals, to the circle at the last one."""
+    places_m = [(flight.east_m, flight.north_m), *((goal.east_m, goal.north_m) for goal in flight.goals)]
+    legs_m = [(end[0] - begin[0], end[1] - begin[1]) for begin, end in pairwise(places_m)]
+    return min(sum(flight.time_s(leg_m, 0.0) for leg_m in legs_m), _MAX_RETURN_S)
 
 
 def _at_end(paths: FlightPaths, state: VehicleState, t_ns: int) -> VehicleState:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from typing import Final
 
@@ -12,6 +12,14 @@ from gcs.planning.map.line_of_sight import line_of_sight
 
 _OFF_M: Final = 10.0
 """Distance by which predicted circles are off."""
+_TURNS_S: Final = 30
+"""Time in which a vehicle has turned towards a distant place."""
+_STRAIGHT_S: Final = 5
+"""Length of the legs that are checked afterwards, in time."""
+
+_Place = tuple[float, float, float, float]
+"""East, north, lowest and greatest height above mean sea level."""
+_Leg = tuple[_Place, _Place]
 
 
 class ZonesAhead:
@@ -31,24 +39,31 @@ class ZonesAhead:
 
     def first(self, flight: Flight, ahead_s: float) -> str:
         """Return the name of the first closed zone that a flight leads into; empty if it leads into none."""
-        closed = self._zones.closed
-        for leg in _legs(flight, ahead_s) if closed else ():
-            for name, zone in closed.items():
-                if _is_met(zone, *leg):
-                    return name
-        return ""
+        return self._first(_legs(flight, ahead_s)) if self._zones.closed else ""
 
     def problem(self, flight: Flight, ahead_s: float, margin_m: float = 0.0) -> str:
         """Return which zone or obstacle a flight meets, or comes near to, in words; empty if none."""
-        if zone := self.first(flight, ahead_s):
+        return self._met(_legs(flight, ahead_s), margin_m)
+
+    def _first(self, legs: Iterable[_Leg]) -> str:
+        closed = self._zones.closed
+        found = (name for leg in legs for name, zone in closed.items() if _is_met(zone, *leg))
+        return next(found, "")
+
+    def _met(self, flown: Iterable[_Leg], margin_m: float = 0.0) -> str:
+        legs = list(flown)
+        if zone := self._first(legs):
             return f"would fly into no-fly zone {zone}"
         full = self._zones.obstacles.full
-        legs = list(_legs(flight, ahead_s))
         is_clear = all(line_of_sight(full, begin[:2], end[:2], margin_m) for begin, end in legs)
         cells = self._zones.limited_cells
         near = [leg for leg in legs if not line_of_sight(cells, leg[0][:2], leg[1][:2])]
         meets = any(_is_met(area, *leg) for area in self._zones.limited for leg in near)
         return "would come near an obstacle" if meets or not is_clear else ""
+
+    def problem_on_way(self, flight: Flight, ahead_s: float) -> str:
+        """Return which zone or obstacle a flight meets to a distant place, which is straight after a turn."""
+        return self._met(_to_distant_place(flight, ahead_s))
 
     def is_on_map(self, flight: Flight, ahead_s: float) -> bool:
         """Return True if a flight stays where obstacles are known."""
@@ -56,15 +71,21 @@ class ZonesAhead:
         return all(full.contains(begin[:2]) for begin, _ in _legs(flight, ahead_s))
 
 
-_Place = tuple[float, float, float, float]
-"""East, north, lowest and greatest height above mean sea level."""
-
-
-def _legs(flight: Flight, ahead_s: float) -> Iterator[tuple[_Place, _Place]]:
-    """Yield the legs between two steps of a predicted flight, as far as it stays in the air."""
+def _places(flight: Flight, ahead_s: float) -> list[_Place]:
     paths = simulate_flights([flight], ahead_s)
     columns = (paths.east_m, paths.north_m, paths.low_m, paths.high_m)
-    return pairwise(zip(*(column[:, 0].tolist() for column in columns), strict=True))
+    return list(zip(*(column[:, 0].tolist() for column in columns), strict=True))
+
+
+def _legs(flight: Flight, ahead_s: float) -> Iterator[_Leg]:
+    """Return the legs between two steps of a predicted flight, as far as it stays in the air."""
+    return pairwise(_places(flight, ahead_s))
+
+
+def _to_distant_place(flight: Flight, ahead_s: float) -> Iterator[_Leg]:
+    """Return the legs of a flight that is straight after a turn; few of them."""
+    places = _places(flight, ahead_s)
+    return pairwise([*places[:_TURNS_S], *places[_TURNS_S:-1:_STRAIGHT_S], places[-1]])
 
 
 def _is_met(zone: ClosedZone, begin: _Place, end: _Place) -> bool:

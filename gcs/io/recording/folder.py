@@ -25,6 +25,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import BinaryIO, Final
 
+RUNS_FOLDER: Final = Path("runs")
+"""Default folder of recordings and journals."""
 MCAP_NAME = "run.mcap"
 TLOG_NAME = "link.tlog"
 CONFIG_NAME = "mission.toml"

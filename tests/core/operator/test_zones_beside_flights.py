@@ -10,6 +10,7 @@ from helpers.hills import elevation_of, terrain_table
 from helpers.sky import FIELD, Sky, fly_on, give, with_one_home
 
 from gcs.model import NoFlyZone, NoticeCode, Order, VerticalLimits
+from sim_vehicles.autopilots.autopilot_traits import Mode
 
 RISE = 0.02
 HOME_M = (1500.0, 1500.0)
@@ -129,3 +130,38 @@ def test_the_circle_at_a_target_on_a_flat_map(limits):
     assert len(heights_m) == 30
     check(limits, detail, heights_m, {notice.code for _, notice in sky.notices})
     assert sky.run_.engine.state.agents[1].perception.status.status == "arrived"
+
+
+def one_far_from_home(disc_m, limits=ALL, field=FLAT):
+    """Return a sky of one vehicle whose straight way home leads through a closed zone, ordered to return."""
+    sky = with_one_home(Sky((600.0, 2400.0, 80.0), field=field), (2400.0, 600.0))
+    close(sky, disc_m, limits)
+    give(sky, "return")
+    return sky
+
+
+def test_a_vehicle_that_rtl_would_lead_through_a_zone_returns_by_a_mission_around_it():
+    disc_m = (1700.0, 1500.0, 200.0)
+    sky = one_far_from_home(disc_m)
+    assert agl_inside(sky, 1, disc_m, 180.0, rise=0.0) == []
+    plane = sky.planes[1]
+    assert np.hypot(plane.east_m - 2400.0, plane.north_m - 600.0) < 200.0
+    assert plane.autopilot.mode is Mode.AUTO
+    assert sky.told(NoticeCode.ZONE_AHEAD) == []
+
+
+def test_one_whose_rtl_leads_over_a_zone_returns_by_rtl():
+    sky = one_far_from_home((1700.0, 1500.0, 200.0), VerticalLimits(None, 20.0, "home"))
+    fly_on(sky, 3.0)
+    assert sky.planes[1].autopilot.mode is Mode.RTL
+
+
+def test_a_return_by_rtl_through_a_zone_without_another_way_waits_until_it_is_ordered_again():
+    sky = one_far_from_home((2400.0, 600.0, 300.0))  # round its home
+    fly_on(sky, 3.0)
+    assert sky.planes[1].autopilot.mode is Mode.AUTO
+    ((_, notice),) = sky.told(NoticeCode.ORDER_WAITS)
+    assert notice.parameters["reason"] == "would fly into no-fly zone fire"
+    give(sky, "return")
+    fly_on(sky, 3.0)
+    assert sky.planes[1].autopilot.mode is Mode.RTL
