@@ -20,7 +20,7 @@ from gcs.console.view.page_records import (
     ServiceState,
 )
 from gcs.core.engine import Engine
-from gcs.core.state import flown_routes
+from gcs.core.state import wanted_routes
 from gcs.fence import drawn_areas, rally_of
 from gcs.model import BoolArray
 from gcs.planning.map.grid import Grid
@@ -38,7 +38,7 @@ def capture(engine: Engine, t_ns: int, service: ServiceState | None = None) -> C
     return Capture(
         t_ns=t_ns,
         status=engine.stages.status_report.build(t_ns),
-        routes=tuple(flown_routes(engine.state.agents).values()),
+        routes=tuple(wanted_routes(engine.state.agents).values()),
         proposal=pending if pending is not None and pending.routes else None,
         map=obstacle_map(obstacles.grid, obstacles.near_ground),
         zones=tuple(engine.state.airspace.zones.values()),

@@ -59,7 +59,8 @@ class StatusReport:
         status = agent.perception.status
         label = agent.perception.association.label
         track = None if label is None else self.trackers.agents.confirmation.tracks.get(label)
-        route = agent.routes.flown
+        flown = agent.routes.flown
+        route = agent.routes.stacked if flown is None else flown
         proposed = agent.routes.proposed
         lost_at_m = status.position_m if status.status in ("lost", "down") else None
         heard_age_s = (t_ns - health.heard_t_ns) / NS_PER_S if health.frames else None
@@ -100,7 +101,7 @@ class StatusReport:
             track=label,
             existence=0.0 if track is None else round(track.existence, 3),
             layer=self.layers.of(vehicle),
-            target=status.target if route is None else route.target,
+            target=status.target if flown is None else flown.target,
             to_go_m=rounded(to_go_m, 0),
             points_passed=points_passed,
             eta_s=rounded(eta_s, 0),

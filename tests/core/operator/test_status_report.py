@@ -2,9 +2,13 @@
 
 from dataclasses import replace
 
+import numpy as np
+import pytest
 from helpers.hills import elevation_of, hill, terrain_table
+from helpers.sky import Sky, fly_on, give, with_one_home
 
 from gcs.config import read_text
+from gcs.console.engine.captures import capture
 from gcs.model import NS_PER_S, AgentRecord, Order, SwarmStatus
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import load, parse_scenario
@@ -131,3 +135,17 @@ def test_over_flat_ground_no_height_above_it_is_claimed() -> None:
     run = VirtualRun(load("prescribed"), 1)
     run.run(5.0)
     assert all(one.agl_m is None and one.alt_msl_m is not None for one in asked(run).agents)
+
+
+def test_a_return_by_a_mission_is_shown_with_its_way_home() -> None:
+    """Before, the map had no line ahead of such a vehicle, and the table no time of its arrival."""
+    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2600.0, 2600.0, 80.0)))
+    give(sky, "return")
+    fly_on(sky, 6.0)
+    shown = capture(sky.run_.engine, sky.run_.t_ns)
+    (route,) = (one for one in shown.routes if one.vehicle == 2)
+    assert np.hypot(*(route.points_m[-1] - 1500.0)) < 300.0
+    (record,) = (one for one in shown.status.agents if one.vehicle == 2)
+    assert record.target is None
+    assert 1300.0 < record.to_go_m < 2000.0  # it turns back first
+    assert record.eta_s == pytest.approx(record.to_go_m / 18.0, rel=0.2)
