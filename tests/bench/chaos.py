@@ -1,6 +1,6 @@
 """Harm command, its bridge, its standby and what is between them at random moments, beneath vehicles.
 
-``python tests/bench/chaos.py --runs 1000 [--seed 1] [--speed 4] [--json]`` flies `deterministic` with real
+``python tests/bench/chaos.py --runs 1000 [--seed 1] [--speed 2] [--json]`` flies `deterministic` with real
 processes. They are killed, stopped and restarted; paths between them are cut, late (2 s) or lossy (30 %); the
 radio loses, repeats and reorders 30 % of the datagrams; wall clocks are set, disks are full, another program
 reads nothing or sends without end. Each run checks that two nodes never reach one vehicle, that no equal
@@ -51,7 +51,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1, help="of the first run")
-    parser.add_argument("--speed", type=float, default=4.0, help="times real time")
+    parser.add_argument("--speed", type=float, default=2.0, help="times real time")
     parser.add_argument("--json", action="store_true", help="print each run as a line of JSON, no table")
     parser.add_argument("--keep", type=Path, help="folder for logs and recordings of runs with problems")
     options = parser.parse_args()

@@ -18,7 +18,7 @@ Deed: TypeAlias = Literal[
 PATHS: tuple[Part, ...] = ("command to bridge", "command to all", "standby to all", "all paths")
 """TCP connections between the processes."""
 
-_FLY_TO_THE_END: Final = 0.25
+_FLY_TO_THE_END: Final = 0.1
 """Share of the runs in which the mission must end; the others end after their faults, in half the time."""
 
 
