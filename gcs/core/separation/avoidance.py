@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import permutations
 from typing import Final
 
 from gcs.config import Config
@@ -133,14 +134,18 @@ class Avoidances:
         return abs(above_m) > _LEVEL_M and above_m * (to_msl_m - self._height_m(other)) < 0.0
 
     def hold(self, encounter: Encounter, flights: PredictedFlights) -> list[Effect]:
-        """Let one vehicle of an encounter hold, if that helps; nothing while one of them holds already."""
+        """Let one vehicle of an encounter hold, if that helps; nothing while one of them holds for the other.
+
+        One that holds for a third vehicle, or before a zone, is passed by none that can hold.
+        """
         t_ns = flights.t_ns
         pair = [vehicle for vehicle in encounter.vehicles if vehicle in self._agents]
-        if not self._is_enabled or any(self._agents[v].separation.avoidance is not None for v in pair):
+        if not self._is_enabled or self._holds_for_other(encounter):
             return []
-        gains = {v: self._order_check.hold_gain(v, flights) for v in pair if self._may_hold(v)}
-        gains = {v: round(gain, 1) for v, gain in gains.items() if gain >= _MIN_GAIN}
         is_late = encounter.after_s <= _LATEST_S
+        may_hold = [vehicle for vehicle in pair if self._may_hold(vehicle, is_late=is_late)]
+        gains = {vehicle: self._order_check.hold_gain(vehicle, flights) for vehicle in may_hold}
+        gains = {v: round(gain, 1) for v, gain in gains.items() if gain >= _MIN_GAIN}
         inside = [v for v in gains if self._order_check.circles_in_band(v, flights, is_late=is_late)]
         if not inside:
             return []
@@ -151,6 +156,14 @@ class Avoidances:
         parameters: dict[str, Parameter] = {"other": other, "after_s": encounter.after_s}
         notice = Notice(t_ns, NoticeCode.AVOIDS, vehicle, parameters)
         return [notice, *self._command(vehicle, avoidance, LOITER, t_ns)]
+
+    def _holds_for_other(self, encounter: Encounter) -> bool:
+        """Return True if one of two vehicles holds for the other one."""
+        for vehicle, other in permutations(encounter.vehicles):
+            avoidance = self._agents[vehicle].separation.avoidance if vehicle in self._agents else None
+            if avoidance is not None and avoidance.other == self._air_traffic.name(other):
+                return True
+        return False
 
     def hold_before_zone(self, incursion: Incursion, t_ns: int) -> list[Effect]:
         """Let a vehicle hold that would soon fly into a no-fly zone; nothing if its circle is not clear.
@@ -221,10 +234,15 @@ class Avoidances:
                 effects += self._check(vehicle, avoidance, flights)
         return effects
 
-    def _may_hold(self, vehicle: int) -> bool:
-        """Return True if this service may interrupt the mission that a vehicle flies."""
-        is_settled = not self._tasking.state.stage(vehicle)
-        return _flies_wanted(self._agents[vehicle]) and is_settled and self._is_interruptible(vehicle)
+    def _may_hold(self, vehicle: int, *, is_late: bool = False) -> bool:
+        """Return True if this service may interrupt the mission that a vehicle flies.
+
+        With `is_late` it may also while a new mission waits for its upload, which then comes in LOITER.
+        """
+        tasking = self._tasking.state
+        is_settled = _flies_wanted(self._agents[vehicle]) and not tasking.stage(vehicle)
+        waits = is_late and vehicle in tasking.queue
+        return (is_settled or waits) and self._is_interruptible(vehicle)
 
     def _is_interruptible(self, vehicle: int) -> bool:
         """Return True if a vehicle flies a mission of this service, and not in a take-off or a landing."""

@@ -1,5 +1,7 @@
 """Two vehicles that fly missions of this service meet at one height; before, they were warned of only."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.hills import elevation_of, hill
@@ -8,9 +10,9 @@ from helpers.staging import S
 
 from gcs.config.schema import TerrainTable
 from gcs.core.separation.look_ahead import Encounter
-from gcs.core.separation.order_check import _Conflict
+from gcs.core.separation.order_check import OrderCheck, _Conflict
 from gcs.core.separation.predicted_flights import PredictedFlights
-from gcs.core.separation.separation_state import Approach
+from gcs.core.separation.separation_state import Approach, Avoidance
 from gcs.core.separation.traffic_reports import FIRST_ADSB as AIRCRAFT
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.model import FlightPhase, NoticeCode, Order, Resumed
@@ -255,3 +257,32 @@ def test_a_vehicle_that_holds_flies_on_when_its_mission_leads_near_no_other():
     assert check.release_problem(1, flights) == ""
     check._met = lambda own, others, is_return, margin: iter([])
     assert check.release_problem(1, flights) == ""
+
+
+@pytest.mark.parametrize(("holds_for", "is_held"), [("agent 3", True), ("agent 2", False)])
+def test_one_of_a_pair_may_hold_although_the_other_one_holds_for_a_third(holds_for, is_held):
+    """Before, nobody did: they met after 14 s of alarms."""
+    sky = crossing(WARNING)
+    while not sky.told(NoticeCode.COMES_NEAR):
+        fly_on(sky, 0.4)
+    avoidances = sky.run_.engine.stages.avoidances
+    avoidances._is_enabled = True
+    sky.run_.engine.state.agents[1].separation.avoidance = Avoidance(holds_for, sky.run_.t_ns)
+    flights = avoidances._order_check.predict(sky.run_.t_ns)
+    encounter = Encounter((1, 2), 9.0, 10.0, 0.0, (1500.0, 1500.0, 130.0))
+    assert bool(avoidances.hold(encounter, flights)) is is_held
+
+
+def test_one_of_two_whose_new_missions_wait_for_traffic_holds_at_last(monkeypatch):
+    """Before, none could hold while its mission waited, and their old missions led them together."""
+    sky = crossing()
+    monkeypatch.setattr(OrderCheck, "mission_problem", lambda *_: "would come near agent 9")
+    for vehicle in (1, 2):
+        flown = sky.run_.engine.state.agents[vehicle].routes.flown
+        bend_m = flown.points_m[-1] + [[20.0, 20.0]]
+        sky.run_.engine.stages.tasking.enqueue_upload(
+            replace(flown, points_m=np.vstack((flown.points_m, bend_m))), sky.run_.t_ns, None
+        )
+    assert least_m(sky, 110.0) > 30.0
+    _, notice = sky.told(NoticeCode.AVOIDS)[0]
+    assert notice.parameters["after_s"] <= 6.0
