@@ -120,6 +120,8 @@ class State:
     """Notices that were given a moment ago."""
     has_ended: bool = False
     """True after the end of the mission."""
+    ended_without_agents: bool = False
+    """True if it ended since no agent could fly, before its targets had their agents."""
     measured_t_ns: int = 0
     """Measurement time of the last scan."""
     resumed_t_ns: int | None = None

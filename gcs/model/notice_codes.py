@@ -884,6 +884,13 @@ class NoticeCode(TableCode):
         "targets that need agents after the end",
         "`gcs order continue` sends free agents",
     )
+    MISSION_GOES_ON = _mission(
+        "mission-goes-on",
+        _W,
+        "{vehicles:agents} can fly again: the mission goes on",
+        "the mission ended when no agent could fly, after an outage of all radios for example; now one is back",
+        "watch which targets it flies to, or hold it",
+    )
     STANDSTILL = _mission(
         "standstill",
         _A,

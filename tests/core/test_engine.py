@@ -470,6 +470,21 @@ def test_an_agent_that_is_found_again_flies_again() -> None:
     assert scene.engine.stages.association.labels.keys() == {1}
 
 
+def test_a_mission_that_ended_without_agents_goes_on_with_the_first_that_is_heard_again() -> None:
+    """Before, an outage of all radios ended a mission for good: nobody was tasked again."""
+    scene = Scene()
+    scene.fly(8.0)
+    plane, scene.plane = scene.plane, None
+    scene.fly(8.0)
+    (ended,) = scene.all(MissionEnded)
+    assert (ended.arrived, ended.lost) == ((), (1,))
+    scene.plane = plane
+    (notice,) = noticed(scene.fly(12.0), NoticeCode.MISSION_GOES_ON)
+    assert notice.parameters == {"vehicles": (1,)}
+    assert [plan.changed for plan in scene.all(Plan) if plan.t_ns > ended.t_ns] == [(1,)]
+    assert scene.all(MissionEnded) == [ended]
+
+
 # ---------------------------------------------------------------- a whole mission
 
 

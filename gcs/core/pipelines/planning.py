@@ -8,7 +8,7 @@ from typing import Final
 from gcs.core.restart import is_settled
 from gcs.core.stages import Stages
 from gcs.core.state import at_targets, with_status
-from gcs.model import Effect, FlightPhase, MissionEnded
+from gcs.model import Effect, FlightPhase, MissionEnded, Notice, NoticeCode
 
 MAX_RENEWED: Final = 2
 """Routes that are planned again at a tick because their uploads had to wait."""
@@ -84,16 +84,27 @@ def renew_outdated(stages: Stages, t_ns: int) -> list[Effect]:
 
 
 def end_mission(stages: Stages, t_ns: int) -> list[Effect]:
-    """End the mission when no active agent can fly, or every expected target has its agents."""
+    """End the mission when no active agent can fly, or every expected target has its agents.
+
+    One that ended without an agent that can fly goes on with the first that can again: after an outage of all
+    radios.
+    """
     state = stages.state
     agents = state.agents
     active = with_status(agents, "active")
     flyable = [v for v in active if agents[v].flight.phase is not FlightPhase.LANDED]
     reached = len(at_targets(agents))
     is_done = reached >= max(1, stages.expected_targets) and not stages.planning_inputs.open_targets()
-    if state.has_ended or (flyable and not is_done):
+    goes_on = bool(flyable) and not is_done
+    if state.has_ended:
+        if not (state.ended_without_agents and goes_on):
+            return []
+        state.has_ended = False
+        return [Notice(t_ns, NoticeCode.MISSION_GOES_ON, None, {"vehicles": tuple(flyable)})]
+    if goes_on:
         return []
     state.has_ended = True
+    state.ended_without_agents = not is_done
     arrived, lost, down = (tuple(with_status(agents, word)) for word in ("arrived", "lost", "down"))
     return [MissionEnded(t_ns, arrived, lost, tuple(active), down)]
 
