@@ -888,7 +888,7 @@ class NoticeCode(TableCode):
         "mission-goes-on",
         _W,
         "{vehicles:agents} can fly again: the mission goes on",
-        "the mission ended when no agent could fly, after an outage of all radios for example; now one is back",
+        "the mission ended when no agent could fly, such as in an outage of all radios; now one is back",
         "watch which targets it flies to, or hold it",
     )
     STANDSTILL = _mission(
