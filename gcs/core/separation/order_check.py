@@ -25,7 +25,7 @@ from gcs.core.separation.look_ahead import encounters
 from gcs.core.separation.minima import PREDICTED_SHARE, layer_step_m, min_distance_m
 from gcs.core.separation.predicted_flights import PredictedFlights
 from gcs.core.separation.zones_ahead import ZonesAhead
-from gcs.core.tasking.mission_builder import route_heights_msl_m
+from gcs.core.tasking.mission_builder import is_hold, route_heights_msl_m
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.model import FloatArray, Route, VehicleState, vehicle_name
 from gcs.planning.route_progress import points_within
@@ -142,8 +142,11 @@ class OrderCheck:
         return problem if problem and problem != self._zones.problem(present, for_s) else ""
 
     def _return_problem(self, back: Flight, present: Flight) -> str:
-        """Return which zone or obstacle RTL leads to; empty if to none, or if the vehicle is in it now."""
-        problem = self._zones.problem_on_way(back, _way_s(back))
+        """Return which zone or obstacle RTL leads to; empty if to none, or if the vehicle is in it now.
+
+        The circle at home is compared with zones only.
+        """
+        problem = self._zones.problem_on_way(back, _way_s(back)) or self._zones.circle_problem(back.goals[-1])
         return problem if problem and problem != self._zones.problem(present, _NOW_S) else ""
 
     def release_problem(self, vehicle: int, flights: PredictedFlights) -> str:
@@ -331,7 +334,9 @@ class OrderCheck:
         *,
         circles_only: bool = False,
     ) -> str:
-        """Return which vehicle a return or a hold by a mission would lead a vehicle near to; empty if none.
+        """Return what a return or a hold by a mission would lead a vehicle near to; empty if nothing.
+
+        That is another vehicle, or of a return a no-fly zone that its circle meets.
 
         Parameters
         ----------
@@ -352,6 +357,8 @@ class OrderCheck:
         own = self._stacked(states[route.vehicle], route, flights.t_ns)
         led = {v: self._stacked(states[v], one, flights.t_ns) for v, one in planned.items() if v in states}
         others = flights.others(route.vehicle, modes, led)
+        if not is_hold(route) and (problem := self._zones.circle_problem(own.goals[-1])):
+            return problem
         conflicts = [*self._overlapping(own, others, last=True)]
         if not conflicts and not circles_only:
             present = flights.of(route.vehicle)

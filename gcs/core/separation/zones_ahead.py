@@ -6,8 +6,10 @@ from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from typing import Final
 
+import numpy as np
+
 from gcs.core.airspace.no_fly_zones import ClosedZone, NoFlyZones
-from gcs.core.separation.forward_flight import Flight, simulate_flights
+from gcs.core.separation.forward_flight import Flight, Goal, GoalKind, simulate_flights
 from gcs.planning.map.line_of_sight import line_of_sight
 
 _OFF_M: Final = 10.0
@@ -16,6 +18,9 @@ _TURNS_S: Final = 30
 """Time in which a vehicle has turned towards a distant place."""
 _STRAIGHT_S: Final = 5
 """Length of the legs that are checked afterwards, in time."""
+
+_CORNERS: Final = 24
+"""Of the polygon that stands for a circle."""
 
 _Place = tuple[float, float, float, float]
 """East, north, lowest and greatest height above mean sea level."""
@@ -65,6 +70,14 @@ class ZonesAhead:
         """Return which zone or obstacle a flight meets to a distant place, which is straight after a turn."""
         return self._met(_to_distant_place(flight, ahead_s))
 
+    def circle_problem(self, circle: Goal) -> str:
+        """Return which no-fly zone a circle without end meets, in words; empty if none."""
+        if circle.kind is not GoalKind.CIRCLE or not self._zones.closed:
+            return ""
+        radius_m = abs(circle.radius_m)
+        zone = self._first(_round(circle, radius_m)) or self._first(_round(circle, radius_m + _OFF_M))
+        return f"would circle in no-fly zone {zone}" if zone else ""
+
     def is_on_map(self, flight: Flight, ahead_s: float) -> bool:
         """Return True if a flight stays where obstacles are known."""
         full = self._zones.obstacles.full
@@ -86,6 +99,15 @@ def _to_distant_place(flight: Flight, ahead_s: float) -> Iterator[_Leg]:
     """Return the legs of a flight that is straight after a turn; few of them."""
     places = _places(flight, ahead_s)
     return pairwise([*places[:_TURNS_S], *places[_TURNS_S:-1:_STRAIGHT_S], places[-1]])
+
+
+def _round(circle: Goal, radius_m: float) -> Iterator[_Leg]:
+    """Return the legs of a polygon for a circle."""
+    angles = np.linspace(0.0, 2.0 * np.pi, _CORNERS + 1)
+    east_m = circle.east_m + radius_m * np.sin(angles)
+    north_m = circle.north_m + radius_m * np.cos(angles)
+    low_m, high_m = circle.height_m - _OFF_M, circle.height_m + _OFF_M
+    return pairwise([(east, north, low_m, high_m) for east, north in zip(east_m, north_m, strict=True)])
 
 
 def _is_met(zone: ClosedZone, begin: _Place, end: _Place) -> bool:
