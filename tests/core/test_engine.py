@@ -171,7 +171,7 @@ def test_the_pictures_of_a_scan_are_known_before_its_plan_is_made(
     engine = Engine(flight.config, SEED)
     told: list[str] = []
     monkeypatch.setattr("gcs.planning.team_routes.assign_agents", _told_first(told))
-    for event in flight.events:
+    for event in flight.until(10.0):
         for effect in engine.effects(event):
             told += [type(effect).__name__] * isinstance(effect, Picture | Plan)
     made = told.index("planner")

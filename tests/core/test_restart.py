@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import pytest
 from helpers.noticed import alarms, noticed
-from helpers.ordered_flight import SEED, Flight, flight_with_a_restart, order, standing
+from helpers.ordered_flight import SEED, flight_with_a_restart, flown, load, order, standing
 from helpers.other_station import MISSION as STATIONS
 from helpers.staging import S, suspensions
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -23,7 +23,6 @@ from gcs.model import (
     AgentStatus,
     Datagram,
     Effect,
-    Event,
     MissionEnded,
     NoFlyZone,
     Notice,
@@ -36,7 +35,7 @@ from gcs.model import (
 )
 from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
-from sim_vehicles.world.scenario import Scenario, load, parse_scenario
+from sim_vehicles.world.scenario import Scenario, parse_scenario
 
 MISSION = {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_CLEAR_ALL"}
 
@@ -75,10 +74,8 @@ def uploading_s(scenario: str, *keys: str) -> tuple[Scenario, float]:
 
 
 def test_a_snapshot_and_a_restart_replay() -> None:
-    events: list[Event] = []
-    effects: list[Effect] = []
-    run = VirtualRun(load("prescribed"), SEED, events.append, lambda _, effect: effects.append(effect))
-    run.run(30.0)
+    flight = flown(load("prescribed"), 30.0)
+    run, events, effects = flight.run, flight.events, flight.effects
     snapshot = run.snapshot()
     events.clear()
     effects.clear()
@@ -86,7 +83,7 @@ def test_a_snapshot_and_a_restart_replay() -> None:
     run.run(60.0)
     assert isinstance(events[0], Resumed)
     engine = Engine(run.scenario.config, SEED, decode_state("test", snapshot.data))
-    assert [encode(e) for event in events for e in engine.step(event)] == [encode(e) for e in effects]
+    assert [encode(e) for event in events for e in engine.step(event)] == [encode(e) for _, e in effects]
 
 
 def test_another_mission_than_the_one_it_was_given_is_left_alone_until_resumed() -> None:
@@ -185,17 +182,15 @@ def test_held_vehicles_closed_areas_and_plan_numbers_survive() -> None:
 
 
 def test_a_second_restart_while_the_first_is_worked_off_loses_nothing() -> None:
-    run = VirtualRun(standing(), SEED)
-    run.run(40.0)
-    run.restart(3.0)
-    run.run(44.2)
-    effects: list[Effect] = []
-    run.on_effect = lambda _t_ns, effect: effects.append(effect)
-    run.restart(3.0)
-    run.run(400.0)
-    (ended,) = [effect for effect in effects if isinstance(effect, MissionEnded)]
+    flight = flown(standing(), 40.0)
+    flight.run.restart(3.0)
+    flight.run.run(44.2)
+    flight.effects.clear()
+    flight.run.restart(3.0)
+    flight.run.run(400.0)
+    (ended,) = flight.all(MissionEnded)
     assert ended.arrived == (1, 2, 3, 4)
-    assert not any(effect.changed for effect in effects if isinstance(effect, Plan))
+    assert not any(plan.changed for plan in flight.all(Plan))
 
 
 def test_the_lost_stay_lost_and_the_arrived_are_not_sent_again() -> None:
@@ -211,8 +206,7 @@ def test_the_lost_stay_lost_and_the_arrived_are_not_sent_again() -> None:
 
 
 def test_without_central_command_each_vehicle_flies_its_mission_to_its_safe_end() -> None:
-    run = VirtualRun(load("deterministic"), SEED)
-    run.run(40.0)
+    run = flown(load("deterministic"), 40.0).run
     last = {
         v: len(items.items) - 1 for v in (1, 2, 3, 4) if (items := run.engine.state.agents[v].tasking.onboard)
     }
@@ -225,16 +219,14 @@ def test_without_central_command_each_vehicle_flies_its_mission_to_its_safe_end(
 
 
 def test_a_loiter_that_an_operator_chose_before_or_meanwhile_is_still_his_after_a_restart() -> None:
-    events: list[Event] = []
-    run = VirtualRun(standing(), SEED, events.append)
-    run.run(30.0)
+    flight = flown(standing(), 30.0)
+    run = flight.run
     run.vehicles["vehicle:2"].autopilot.set_mode(Mode.LOITER)
     run.run(33.0)
     snapshot = run.snapshot()
     run.vehicles["vehicle:3"].autopilot.set_mode(Mode.LOITER)
     run.restart(3.0, snapshot)
     run.run(70.0)
-    flight = Flight(run, events, [])
     assert set(run.engine.untaskable()) == {2, 3}
     for vehicle in (2, 3):
         assert flight.mode(vehicle) is Mode.LOITER
@@ -242,8 +234,7 @@ def test_a_loiter_that_an_operator_chose_before_or_meanwhile_is_still_his_after_
 
 
 def test_an_inconsistent_mission_of_an_overridden_vehicle_is_repaired_once_it_is_resumed() -> None:
-    run = VirtualRun(standing(), SEED)
-    run.run(30.0)
+    run = flown(standing(), 30.0).run
     run.vehicles["vehicle:4"].autopilot.set_mode(Mode.LOITER)  # an override
     run.run(33.0)
     run.engine.state.agents[4].routes.drop()
@@ -320,46 +311,41 @@ def give_another(run: VirtualRun, vehicle: int) -> None:
 
 
 def test_a_vehicle_that_waits_for_a_task_and_holds_another_mission_is_not_tasked_after_a_restart() -> None:
-    effects: list[Effect] = []
-    run = VirtualRun(standing(), SEED, on_effect=lambda _t_ns, effect: effects.append(effect))
-    run.run(30.0)
+    flight = flown(standing(), 30.0)
+    run = flight.run
     run.engine.state.agents[3].routes.drop()
     snapshot = run.snapshot()
     give_another(run, 3)
     run.restart(3.0, snapshot)
     stored = list(run.vehicles["vehicle:3"].autopilot.mission)
     run.run(60.0)
-    assert noticed(alarms(effects, 3), NoticeCode.MISSION_DIFFERS)
+    assert noticed(alarms(flight.all(Notice), 3), NoticeCode.MISSION_DIFFERS)
     assert list(run.vehicles["vehicle:3"].autopilot.mission) == stored
     assert suspensions(run.engine) == {3: "found"}
 
 
 @pytest.mark.parametrize("changed", [True, False])
 def test_a_vehicle_that_was_not_heard_for_a_while_gets_an_onboard_mission_audit(changed: bool) -> None:
-    effects: list[Effect] = []
-    silent = {"until_s": 0.0}
-
     def away(t_ns: int, peer: str, data: bytes) -> list[tuple[str, bytes]]:
-        gone = peer == "vehicle:2" and 30.0 <= (t_ns - START_T_NS) / S < silent["until_s"]
-        return [] if gone else [(peer, data)]
+        return [] if peer == "vehicle:2" and t_ns < START_T_NS + 42 * S else [(peer, data)]
 
-    run = VirtualRun(standing(), SEED, on_effect=lambda _, effect: effects.append(effect), tamper=away)
-    silent["until_s"] = 42.0
+    flight = flown(standing(), 30.0)
+    run = flight.run
+    run.tamper = away
     run.run(35.0)
     if changed:
         give_another(run, 2)
     stored = list(run.vehicles["vehicle:2"].autopilot.mission)
     run.run(60.0)
     assert list(run.vehicles["vehicle:2"].autopilot.mission) == stored
-    assert bool(noticed(alarms(effects, 2), NoticeCode.MISSION_DIFFERS)) is changed
+    assert bool(noticed(alarms(flight.all(Notice), 2), NoticeCode.MISSION_DIFFERS)) is changed
     assert suspensions(run.engine) == ({2: "found"} if changed else {})
     assert (run.engine.state.agents[2].routes.flown is not None) is not changed
 
 
 def test_a_vehicle_without_an_audit_gets_no_mission_until_an_answer_or_an_order() -> None:
-    effects: list[Effect] = []
-    run = VirtualRun(standing(), SEED, on_effect=lambda _t_ns, effect: effects.append(effect))
-    run.run(30.0)
+    flight = flown(standing(), 30.0)
+    run = flight.run
     snapshot = run.snapshot()
     dumb = [run.vehicles[f"vehicle:{n}"] for n in (1, 4)]
     given = [vehicle._link._missions._list for vehicle in dumb]
@@ -369,7 +355,7 @@ def test_a_vehicle_without_an_audit_gets_no_mission_until_an_answer_or_an_order(
     run.run(65.0)
     for number in (1, 4):
         assert "does not answer the download of its onboard mission" in run.engine.untaskable()[number]
-        assert noticed(alarms(effects, number), NoticeCode.MISSION_UNREAD)
+        assert noticed(alarms(flight.all(Notice), number), NoticeCode.MISSION_UNREAD)
     run.order(order(65.5, "resume", 1))  # where its circle is clear of obstacles
     dumb[1]._link._missions._list = given[1]
     run.run(75.0)
@@ -381,8 +367,7 @@ def test_a_vehicle_without_an_audit_gets_no_mission_until_an_answer_or_an_order(
 
 @pytest.mark.parametrize("at_s", [20.0, 45.0, 75.0])
 def test_tracks_keep_their_labels_over_a_restart(at_s: float) -> None:
-    run = VirtualRun(load("random-targets"), SEED)
-    run.run(at_s)
+    run = flown(load("random-targets"), at_s).run
     before = run.engine
     run.restart(3.0)
     run.run(at_s + 5.0)
@@ -426,8 +411,7 @@ def test_a_vehicle_lost_in_the_outage_is_called_lost_before_the_others_get_a_pla
 
 
 def test_a_damaged_state_is_refused() -> None:
-    run = VirtualRun(standing(), SEED)
-    run.run(30.0)
+    run = flown(standing(), 30.0).run
     state = decode_state("test", run.snapshot().data)
     posterior = state.perception.trackers.targets.filter.posterior
     posterior.track_label[0] = 10**6

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from helpers.noticed import noticed
-from helpers.ordered_flight import SEED, flight_with_a_restart, order
+from helpers.ordered_flight import SEED, flight_with_a_restart, flown, load, order
 from helpers.staging import S
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -17,7 +17,6 @@ from gcs.mavlink.services.command_sender import CommandSender, command_long, set
 from gcs.model import Effect, NoticeCode, OrderAnswer, Send, Snapshot
 from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
-from sim_vehicles.world.scenario import load
 
 
 @pytest.mark.parametrize("outage_s", [2.0, 30.0])
@@ -44,8 +43,7 @@ def is_mode(message: Any) -> bool:
 
 def after_an_order(action: str, sender: CommandSender, outage_s: float) -> tuple[VirtualRun, list[Effect]]:
     """Return a flight whose service was killed with a command to vehicle 2 in progress."""
-    run = VirtualRun(load("prescribed"), SEED)
-    run.run(20.0)
+    run = flown(load("prescribed"), 20.0).run
     state = decode_state("test", run.snapshot().data)
     number = state.operator.begin(OrderInProgress(order(19.9, action, 2), (2,)))
     state.agents[2].orders.command = Command(sender, number, state.operator.orders[number].order.action)

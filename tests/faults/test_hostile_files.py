@@ -37,7 +37,12 @@ SERVER = """
 import json, os, resource, sys
 import gcs.cli, gcs.cli.analyse.info, gcs.cli.analyse.track_run, gcs.cli.analyse.playback
 import gcs.cli.analyse.report_material, gcs.cli.prepare.single_plan, gcs.cli.analyse.info_detections
+import gcs.cli.analyse.track, gcs.cli.prepare.check, gcs.cli.prepare.init, gcs.cli.prepare.plan
 import gcs.io.recording.reader
+try:
+    import pydantic.json_schema  # for typer, as of 0.26
+except ImportError:
+    pass
 for line in sys.stdin:
     arguments, out = json.loads(line)
     child = os.fork()

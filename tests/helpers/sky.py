@@ -1,10 +1,12 @@
 """Virtual flights of vehicles at chosen places and heights, and which of them came near."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
 
 from gcs.model import Notice, Order, OrderAnswer
+from helpers.flight_copies import copy_of
 from helpers.staging import S
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.vehicle.vehicle import SimVehicle
@@ -76,6 +78,15 @@ class Sky:
         self.run_.vehicles = {f"vehicle:{number}": plane for number, plane in self.planes.items()}
         self.near_s = {}
         """First time at which each pair was within 30 m and 15 m."""
+
+    def copy(self):
+        """Return a copy that flies on by itself."""
+        new = copy.copy(self)
+        new.run_ = copy_of(self.run_)
+        new.run_.on_effect = new._on_effect
+        new.planes = {plane.system_id: plane for plane in new.run_.vehicles.values()}
+        new.notices, new.answers, new.near_s = self.notices.copy(), self.answers.copy(), self.near_s.copy()
+        return new
 
     def _on_effect(self, t_ns, effect):
         if isinstance(effect, Notice):

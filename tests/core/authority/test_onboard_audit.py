@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 from helpers.noticed import noticed
-from helpers.ordered_flight import SEED, standing
+from helpers.ordered_flight import flown, standing
 from helpers.other_station import AIR
 from helpers.played_vehicle import ARDUPLANE, PEER, PX4, Stage, airborne
 from helpers.staging import mission, suspensions
@@ -34,10 +34,9 @@ def emptied(run: VirtualRun, *, reboots: bool) -> None:
         autopilot.boot_t_ns = run.t_ns
 
 
-def flown(then: Callable[[VirtualRun], None], *, restarts: bool) -> tuple[VirtualRun, list[Effect]]:
+def changed(then: Callable[[VirtualRun], None], *, restarts: bool) -> tuple[VirtualRun, list[Effect]]:
     effects: list[Effect] = []
-    run = VirtualRun(standing(), SEED)
-    run.run(40.0)
+    run = flown(standing(), 40.0).run
     run.on_effect = lambda _t_ns, effect: effects.append(effect)
     snapshot = run.snapshot()
     then(run)
@@ -49,7 +48,7 @@ def flown(then: Callable[[VirtualRun], None], *, restarts: bool) -> tuple[Virtua
 
 @pytest.mark.parametrize("restarts", [False, True])
 def test_a_vehicle_that_lost_its_mission_in_a_reboot_is_ours_and_gets_another(restarts: bool) -> None:
-    run, effects = flown(lambda run: emptied(run, reboots=True), restarts=restarts)
+    run, effects = changed(lambda run: emptied(run, reboots=True), restarts=restarts)
     assert noticed(effects, NoticeCode.MISSION_LOST)
     assert 3 not in run.engine.untaskable()
     assert any(effect.ok for effect in effects if isinstance(effect, UploadReport))
@@ -57,7 +56,7 @@ def test_a_vehicle_that_lost_its_mission_in_a_reboot_is_ours_and_gets_another(re
 
 
 def test_a_vehicle_that_was_cleared_during_an_outage_gets_no_mission() -> None:
-    run, effects = flown(lambda run: emptied(run, reboots=False), restarts=True)
+    run, effects = changed(lambda run: emptied(run, reboots=False), restarts=True)
     assert noticed(effects, NoticeCode.MISSION_DIFFERS)
     assert suspensions(run.engine) == {3: "found"}
     assert not [effect for effect in effects if isinstance(effect, UploadReport)]

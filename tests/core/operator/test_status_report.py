@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.hills import elevation_of, hill, terrain_table
+from helpers.ordered_flight import flown, load
 from helpers.sky import Sky, fly_on, give, with_one_home
 
 from gcs.config import read_text
 from gcs.console.engine.captures import capture
 from gcs.model import NS_PER_S, AgentRecord, Order, SwarmStatus
 from sim_vehicles.campaign.virtual_run import VirtualRun
-from sim_vehicles.world.scenario import load, parse_scenario
+from sim_vehicles.world.scenario import parse_scenario
 
 
 def asked(run: VirtualRun, order_id: str = "status-1") -> SwarmStatus:
@@ -30,7 +31,7 @@ def test_the_status_lists_routes_and_lost_agents() -> None:
     before = asked(run)
     assert [one.heard_age_s for one in before.agents] == [None] * 4
     assert not before.targets
-    run.run(60.0)
+    run = flown(load("prescribed"), 60.0).run
     status = asked(run)
     assert [one.vehicle for one in status.agents] == [1, 2, 3, 4]
     assert {one.status for one in status.agents if one.vehicle != 2} == {"active"}
@@ -68,8 +69,7 @@ def test_the_status_lists_routes_and_lost_agents() -> None:
 
 
 def test_the_status_names_the_control_authority_and_its_reason() -> None:
-    run = VirtualRun(load("prescribed"), 1)
-    run.run(30.0)
+    run = flown(load("prescribed"), 30.0).run
     for action, vehicle in (("hold", 1), ("return", 3)):
         run.order(Order(run.t_ns, action, action, (vehicle,)))  # type: ignore[arg-type]
     run.run(35.0)
@@ -94,8 +94,7 @@ def test_asking_for_the_status_changes_nothing() -> None:
 
 
 def test_a_charge_below_the_limit_of_its_alarm_is_low() -> None:
-    run = VirtualRun(load("prescribed"), 1)
-    run.run(5.0)
+    run = flown(load("prescribed"), 5.0).run
     stages = run.engine.stages
     health = [replace(stages.fleet.health_of(1), battery_percent=charge) for charge in (29, 30, None)]
     found = [stages.status_report.agent(one, run.t_ns).is_battery_low for one in health]
@@ -132,8 +131,7 @@ def test_heights_above_the_ground_are_those_over_the_elevation_model() -> None:
 
 
 def test_over_flat_ground_no_height_above_it_is_claimed() -> None:
-    run = VirtualRun(load("prescribed"), 1)
-    run.run(5.0)
+    run = flown(load("prescribed"), 5.0).run
     assert all(one.agl_m is None and one.alt_msl_m is not None for one in asked(run).agents)
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from helpers.hills import elevation_of, terrain_table
 from helpers.noticed import noticed
-from helpers.ordered_flight import SEED, Flight, fly, order
+from helpers.ordered_flight import SEED, Flight, flown, fly, load, order, ordered
 from helpers.staging import S, suspensions
 from msgspec.structs import replace as changed
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -16,10 +16,10 @@ from gcs.config import read_text
 from gcs.config.key_overrides import override_keys
 from gcs.io.record_json import decode, encode
 from gcs.mavlink.frames.codec import Encoder
-from gcs.model import Effect, Event, MissionEnded, Notice, NoticeCode, Order, OrderAnswer, Plan
+from gcs.model import Effect, MissionEnded, Notice, NoticeCode, Order, OrderAnswer, Plan
 from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
-from sim_vehicles.world.scenario import load, parse_scenario
+from sim_vehicles.world.scenario import parse_scenario
 
 MISSION = {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_CLEAR_ALL"}
 
@@ -48,20 +48,15 @@ def test_over_terrain_a_resumed_vehicle_gets_a_mission_from_where_it_is(px4: tup
     slope = elevation_of(lambda east, north: 70.0 + 0.05 * east + 0.0 * north, 2000.0)
     text = read_text("deterministic")[0] + terrain_table(slope)
     text = override_keys(text, [f"simulation.px4={list(px4)}", "map.obstacles=[]"], "slope")
-    events: list[Event] = []
-    effects: list[tuple[int, Effect]] = []
-    run = VirtualRun(
-        parse_scenario(text, "slope"), SEED, events.append, lambda t, e: effects.append((t, e)),
-        orders=[order(20.0, "return", 1), order(35.0, "resume", 1)],
-    )  # fmt: skip
-    run.run(60.0)
-    flight = Flight(run, events, effects)
+    orders = [order(20.0, "return", 1), order(35.0, "resume", 1)]
+    flight = Flight(VirtualRun(parse_scenario(text, "slope"), SEED, orders=orders))
+    flight.run.run(60.0)
     assert flight.answers("resume-35.0") == [("accepted", None), ("done", 1)]
     sent = [m for m in flight.messages_to(1, 35.0, 60.0) if m.get_type() == "MISSION_ITEM_INT"]
     assert sent, "its old mission begins where it was before it returned"
     assert flight.mode(1) is Mode.AUTO
     if px4:
-        height_m = run.vehicles["vehicle:1"].alt_msl_m
+        height_m = flight.run.vehicles["vehicle:1"].alt_msl_m
         first = next(m for m in sent if m.seq == 0)
         assert first.z < height_m + 15.0
 
@@ -131,30 +126,20 @@ def test_a_recorded_order_gives_the_same_effects_again() -> None:
 
 @pytest.mark.parametrize("action", ["hold", "return"])
 def test_a_vehicle_that_does_not_answer_stays_set_aside(action: str) -> None:
-    events: list[Event] = []
-    effects: list[tuple[int, Effect]] = []
-    run = VirtualRun(
-        load("prescribed"), SEED, events.append, lambda t, e: effects.append((t, e)),
-        orders=[order(21.0, action, 1)], kills={1: 20.9},
-    )  # fmt: skip
-    run.run(65.0)
-    flight = Flight(run, events, effects)
+    flight = flown(load("prescribed"), 20.0)
+    flight.run.kills[1] = 20.9
+    flight.run.order(order(21.0, action, 1))
+    flight.run.run(65.0)
     assert flight.answers(f"{action}-21.0") == [("accepted", None), ("failed", 1)]
-    assert suspensions(run.engine) == {1: action}
+    assert suspensions(flight.run.engine) == {1: action}
 
 
 def test_an_order_for_the_plan_names_vehicles_without_a_plan_and_the_remedy() -> None:
-    events: list[Event] = []
-    effects: list[tuple[int, Effect]] = []
-    run = VirtualRun(
-        load("prescribed"), SEED, events.append, lambda t, e: effects.append((t, e)),
-        orders=[order(20.0, "hold", 3), order(30.0, "plan")],
-    )  # fmt: skip
-    run.run(24.0)
-    run.vehicles["vehicle:1"].autopilot.set_mode(Mode.RTL)
-    run.vehicles["vehicle:3"].autopilot.set_mode(Mode.FBWA)  # its pilot takes it from our hold
-    run.run(31.0)
-    flight = Flight(run, events, effects)
+    flight = ordered(load("prescribed"), [order(20.0, "hold", 3), order(30.0, "plan")], 24.0)
+    vehicles = flight.run.vehicles
+    vehicles["vehicle:1"].autopilot.set_mode(Mode.RTL)
+    vehicles["vehicle:3"].autopilot.set_mode(Mode.FBWA)  # its pilot takes it from our hold
+    flight.run.run(31.0)
     answers = [a for a in flight.all(OrderAnswer) if a.order_id == "plan-30.0"]
     assert [(a.state, a.detail) for a in answers] == [
         ("accepted", "not ours: 1 in RTL: gcs order resume 1; 3 in FBWA: the pilot gives it back"),
@@ -217,8 +202,7 @@ def test_return_heights_that_are_apart_get_no_notice(known: dict[str, float]) ->
 
 def test_a_parameter_that_passes_the_service_is_heard() -> None:
     """`gcs preflight` asks through the service that flies the mission."""
-    run = VirtualRun(load("prescribed"), SEED)
-    run.run(5.0)
+    run = flown(load("prescribed"), 5.0).run
     plane = run.vehicles["vehicle:1"]
     asked = dialect.MAVLink_param_request_read_message(1, 1, b"RTL_ALTITUDE", -1)
     plane.receive_datagram(Encoder(254, 190)(asked), run.t_ns)

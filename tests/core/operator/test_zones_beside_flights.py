@@ -4,6 +4,8 @@ Over terrain the flight band is 50 m to 120 m above the ground, and 20 m are kep
 zone that leaves any layer less blocks all of them.
 """
 
+from functools import lru_cache
+
 import numpy as np
 import pytest
 from helpers.hills import elevation_of, terrain_table
@@ -32,14 +34,16 @@ def close(sky, disc_m, limits):
     return answer.detail
 
 
-def agl_inside(sky, vehicle, disc_m, for_s, rise=RISE):
-    """Fly on; return the heights above ground at which a vehicle was over a zone."""
+def agl_inside(sky, vehicle, disc_m, for_s, rise=RISE, *, until_home=False):
+    """Fly on, at most to its home; return the heights above ground at which a vehicle was over a zone."""
     plane = sky.planes[vehicle]
     found = []
     for _ in range(round(for_s)):
         fly_on(sky, 1.0)
         if np.hypot(plane.east_m - disc_m[0], plane.north_m - disc_m[1]) < disc_m[2]:
             found.append(plane.alt_msl_m - 70.0 - rise * plane.east_m)
+        if until_home and np.hypot(plane.east_m - HOME_M[0], plane.north_m - HOME_M[1]) < 150.0:
+            break
     return found
 
 
@@ -55,19 +59,25 @@ def check(limits, detail, heights_m, codes):
 
 def returning(field):
     """Return a sky in which vehicle 2 flies home by a mission, and a disc across its way."""
+    sky = sent_home(field).copy()
+    plane = sky.planes[2]
+    return sky, (0.5 * (plane.east_m + HOME_M[0]), 0.5 * (plane.north_m + HOME_M[1]), 80.0)
+
+
+@lru_cache
+def sent_home(field):
     sky = with_one_home(Sky((600.0, 600.0, 60.0), (2600.0, 2600.0, 80.0), field=field))
     give(sky, "return")
     fly_on(sky, 6.0)
-    plane = sky.planes[2]
     assert sky.run_.engine.state.agents[2].routes.stacked is not None
-    return sky, (0.5 * (plane.east_m + HOME_M[0]), 0.5 * (plane.north_m + HOME_M[1]), 80.0)
+    return sky
 
 
 @pytest.mark.parametrize("limits", [BELOW, ABOVE, LOW_PART, HIGH_PART, ALL])
 def test_a_return_by_a_mission_over_terrain(limits):
     sky, disc_m = returning(TERRAIN)
     detail = close(sky, disc_m, limits)
-    heights_m = agl_inside(sky, 2, disc_m, 120.0)
+    heights_m = agl_inside(sky, 2, disc_m, 120.0, until_home=True)
     check(limits, detail, heights_m, {notice.code for _, notice in sky.notices})
     assert np.hypot(sky.planes[2].east_m - HOME_M[0], sky.planes[2].north_m - HOME_M[1]) < 200.0
 
@@ -77,23 +87,37 @@ def test_a_return_by_a_mission_on_a_flat_map(limits):
     """The layers are 60 m to 200 m above home."""
     sky, disc_m = returning(FLAT)
     detail = close(sky, disc_m, limits)
-    heights_m = agl_inside(sky, 2, disc_m, 110.0, rise=0.0)
+    heights_m = agl_inside(sky, 2, disc_m, 110.0, rise=0.0, until_home=True)
     check(limits, detail, heights_m, {notice.code for _, notice in sky.notices})
     assert np.hypot(sky.planes[2].east_m - HOME_M[0], sky.planes[2].north_m - HOME_M[1]) < 200.0
 
 
 def at_target(field, limits=None):
     """Return a sky with a vehicle at its target, a disc round it, and the answer to its closure."""
-    sky = Sky((2300.0, 2300.0, 70.0), courses_deg=[45.0], field=field)
-    fly_on(sky, 8.0)
-    agent = sky.run_.engine.state.agents[1]
-    disc_m = (*agent.routes.flown.target_point_m, 250.0)
+    sky = (on_its_way if limits else arrived)(field).copy()
+    target_m = on_its_way(field).run_.engine.state.agents[1].routes.flown.target_point_m
+    disc_m = (*target_m, 250.0)
     detail = "" if limits is None else close(sky, disc_m, limits)
+    return until_arrived(sky), disc_m, detail
+
+
+@lru_cache
+def on_its_way(field):
+    return fly_on(Sky((2300.0, 2300.0, 70.0), courses_deg=[45.0], field=field), 8.0)
+
+
+@lru_cache
+def arrived(field):
+    return until_arrived(on_its_way(field).copy())
+
+
+def until_arrived(sky):
+    agent = sky.run_.engine.state.agents[1]
     for _ in range(200):
         fly_on(sky, 1.0)
         if agent.perception.status.status == "arrived":
             break
-    return sky, disc_m, detail
+    return sky
 
 
 @pytest.mark.parametrize("is_closed_before", [True, False])

@@ -88,6 +88,8 @@ class Flight:
             for name, plane in self.planes.items():
                 if not plane.autopilot.flying:
                     self.landed_s.setdefault(name, float(t_s))
+            if len(self.landed_s) == len(self.planes):
+                break
 
     @property
     def agl_m(self):

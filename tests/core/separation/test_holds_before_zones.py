@@ -1,8 +1,11 @@
 """A vehicle flies into a no-fly zone that was closed across its way, since no route leads round it."""
 
+from functools import lru_cache
+
 import numpy as np
 import pytest
 from helpers.banked_field import BANKED_FIELD
+from helpers.flight_copies import copy_of
 from helpers.hills import elevation_of, terrain_table
 from helpers.noticed import noticed
 from helpers.staging import S
@@ -46,21 +49,27 @@ WALL_M = ((1200.0, -100.0), (1400.0, -100.0), (1400.0, 3100.0), (1200.0, 3100.0)
 CLOSED_S = 40.0
 
 
+@lru_cache
+def under_way(avoidance, px4, obstacles, *, over_terrain) -> VirtualRun:
+    """Return the flight before a zone is closed."""
+    text = FIELD.format(avoidance=avoidance, px4=list(px4)) + obstacles
+    if over_terrain:
+        text += terrain_table(elevation_of(lambda east, north: 70.0 + 0.02 * east + 0.0 * north, 3000.0))
+    run = VirtualRun(parse_scenario(text, "field"), 1)
+    run.run(CLOSED_S)
+    return run
+
+
 class Flight:
     """A vehicle on its way east, and a zone across the whole map that is closed before it."""
 
     def __init__(
         self, *, over_terrain=False, limits=None, avoidance="act", px4=(), zone_m=WALL_M, obstacles=""
     ) -> None:
-        text = FIELD.format(avoidance=avoidance, px4=list(px4)) + obstacles
-        if over_terrain:
-            text += terrain_table(elevation_of(lambda east, north: 70.0 + 0.02 * east + 0.0 * north, 3000.0))
         self.effects = []
-        self.run = VirtualRun(
-            parse_scenario(text, "field"), 1, on_effect=lambda _t_ns, effect: self.effects.append(effect)
-        )
+        self.run = copy_of(under_way(avoidance, px4, obstacles, over_terrain=over_terrain))
+        self.run.on_effect = lambda _t_ns, effect: self.effects.append(effect)
         self.plane = self.run.vehicles["vehicle:1"]
-        self.fly(CLOSED_S)
         if zone_m:
             self.close(NoFlyZone("fire", None, zone_m, limits or VerticalLimits(None, None)))
 

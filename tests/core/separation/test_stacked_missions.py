@@ -1,5 +1,6 @@
 """Vehicles that are ordered to return at one time would circle at one place and height."""
 
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -21,6 +22,15 @@ FOUR = FIELD.replace("ARMING_DELAY_S = 1.0", "ARMING_DELAY_S = 1.0, RTL_RETURN_A
 )
 
 
+@lru_cache
+def two_in_the_air():
+    return with_one_home(Sky(*PLACES[:2]))
+
+
+def two():
+    return two_in_the_air().copy()
+
+
 @pytest.mark.parametrize("px4", [(), (1, 2, 3, 4)])
 def test_all_that_return_at_once_begin_at_once_and_circle_in_layers(px4):
     """RTL brings each to 1500, 1500, ArduPlane at 100 m and PX4 at 130 m.
@@ -32,7 +42,7 @@ def test_all_that_return_at_once_begin_at_once_and_circle_in_layers(px4):
     fly_on(sky, 4.0)
     assert not sky.told(NoticeCode.ORDER_WAITS)
     assert [one.state for one in sky.answers if one.action == "return" and one.vehicle] == ["done"] * 4
-    fly_on(sky, 150.0)
+    fly_on(sky, 110.0)
     assert not sky.near_s
     heights = sorted(plane.alt_rel_m for plane in sky.planes.values())
     assert all(upper - lower > 15.0 for lower, upper in pairwise(heights))
@@ -86,7 +96,7 @@ def test_all_that_return_at_once_land_one_after_the_other_where_missions_end_so(
 
 
 def test_a_vehicle_that_returns_by_a_mission_is_resumed_like_any_other():
-    sky = with_one_home(Sky(*PLACES[:2]))
+    sky = two()
     give(sky, "return")
     fly_on(sky, 10.0)
     assert sky.planes[2].autopilot.mode is Mode.AUTO
@@ -107,7 +117,7 @@ def test_a_vehicle_that_returns_by_a_mission_is_resumed_like_any_other():
 @pytest.mark.parametrize("mode", [Mode.FBWA, Mode.LOITER])
 def test_a_pilot_who_takes_over_in_the_upload_of_a_return_keeps_the_vehicle(mode):
     """Before, a vehicle that somebody had set to LOITER was sent to RTL as soon as it was clear of others."""
-    sky = with_one_home(Sky(*PLACES[:2]))
+    sky = two()
     give(sky, "return")
     fly_on(sky, 0.3)
     assert sky.run_.engine.state.tasking.is_uploading(2)
@@ -121,7 +131,7 @@ def test_a_pilot_who_takes_over_in_the_upload_of_a_return_keeps_the_vehicle(mode
 
 
 def test_a_return_whose_upload_is_not_answered_waits_with_an_alarm_and_is_carried_out_when_ordered_again():
-    sky = with_one_home(Sky(*PLACES[:2]))
+    sky = two()
     sky.planes[2]._link._missions.handle = lambda *_: None
     give(sky, "return")
     fly_on(sky, 20.0)
@@ -135,7 +145,7 @@ def test_a_return_whose_upload_is_not_answered_waits_with_an_alarm_and_is_carrie
 @pytest.mark.parametrize("silence_s", [20.0, 60.0])
 def test_a_vehicle_whose_link_breaks_in_the_upload_of_its_return_flies_home_when_it_is_heard_again(silence_s):
     """Before, it flew on to its target, or waited where it was without a mission, until somebody acted."""
-    sky = with_one_home(Sky(*PLACES[:2]))
+    sky = two()
     give(sky, "return")
     fly_on(sky, 0.3)
     assert sky.run_.engine.state.tasking.is_uploading(2)
@@ -152,7 +162,7 @@ def test_a_vehicle_whose_link_breaks_in_the_upload_of_its_return_flies_home_when
 
 def test_a_vehicle_that_waits_to_return_does_not_fly_on_with_half_a_mission():
     """The upload stops after the items were announced. Before, it flew on in AUTO over what was left."""
-    sky = with_one_home(Sky(*PLACES[:2]))
+    sky = two()
     plane = sky.planes[2]
     give(sky, "return")
     fly_on(sky, 0.3)
@@ -166,7 +176,7 @@ def test_a_vehicle_that_waits_to_return_does_not_fly_on_with_half_a_mission():
 
 def test_a_return_whose_upload_takes_long_is_told_and_goes_on():
     """Before, the upload was given up after 15 s, in the middle of the mission."""
-    sky = with_one_home(Sky(*PLACES[:2]))
+    sky = two()
     missions = sky.planes[2]._link._missions
     handle = missions.handle
     give(sky, "return")
@@ -182,7 +192,7 @@ def test_a_return_whose_upload_takes_long_is_told_and_goes_on():
 
 def test_a_return_whose_uploads_failed_is_flown_when_the_vehicle_answers_again_and_is_told_once():
     """Before, the order waited until the vehicle was clear of all others, or it was given again."""
-    sky = with_one_home(Sky(*PLACES[:2]))
+    sky = two()
     missions = sky.planes[2]._link._missions
     handle = missions.handle
     missions.handle = lambda *_: None
@@ -206,7 +216,7 @@ def close_zone(sky, *disc_m):
 
 def test_a_return_that_had_no_route_is_flown_when_the_zone_round_home_is_opened():
     """Before, no mission was planned again: the vehicle flew on to its target, and circled there."""
-    sky = close_zone(with_one_home(Sky(*PLACES[:2])), (1500.0, 1500.0, 400.0))
+    sky = close_zone(two(), (1500.0, 1500.0, 400.0))
     give(sky, "return")
     fly_on(sky, 12.0)
     assert [notice.vehicle for _, notice in sky.told(NoticeCode.ORDER_WAITS)] == [1, 2]
@@ -226,7 +236,7 @@ def test_a_return_that_had_no_route_is_flown_when_the_zone_round_home_is_opened(
 
 def test_a_vehicle_that_is_resumed_in_the_upload_of_its_return_flies_to_its_target():
     """Before, the upload went on: the vehicle flew home, and was shown on the way to its target."""
-    sky = with_one_home(Sky(*PLACES[:2]))
+    sky = two()
     give(sky, "return")
     fly_on(sky, 0.3)
     assert sky.run_.engine.state.tasking.is_uploading(2)
@@ -241,7 +251,7 @@ def test_a_vehicle_that_is_resumed_in_the_upload_of_its_return_flies_to_its_targ
 
 def test_a_return_that_waits_goes_on_after_an_order_to_resume_that_is_refused(monkeypatch):
     """Before, the refused order ended the return."""
-    sky = close_zone(with_one_home(Sky(*PLACES[:2])), (1500.0, 1500.0, 400.0))
+    sky = close_zone(two(), (1500.0, 1500.0, 400.0))
     give(sky, "return")
     fly_on(sky, 3.0)
     assert [notice.vehicle for _, notice in sky.told(NoticeCode.ORDER_WAITS)] == [1, 2]
@@ -257,7 +267,7 @@ def test_a_return_that_waits_goes_on_after_an_order_to_resume_that_is_refused(mo
 
 def test_a_vehicle_on_a_return_by_a_mission_is_led_round_a_zone_that_is_closed_on_its_way():
     """Before, it flew through the zone: the answer did not name it, and a repeated order changed nothing."""
-    sky = with_one_home(Sky(*PLACES[:2]))
+    sky = two()
     give(sky, "return")
     fly_on(sky, 6.0)
     plane = sky.planes[2]
@@ -270,7 +280,7 @@ def test_a_vehicle_on_a_return_by_a_mission_is_led_round_a_zone_that_is_closed_o
 
 
 def test_a_zone_round_home_that_a_return_by_a_mission_cannot_avoid_is_told_at_once():
-    sky = with_one_home(Sky(*PLACES[:2]))
+    sky = two()
     give(sky, "return")
     fly_on(sky, 6.0)
     close_zone(sky, (1500.0, 1500.0, 500.0))

@@ -4,6 +4,7 @@ import msgspec
 import pytest
 from helpers.noticed import alarms, noticed
 from helpers.one_vehicle_fleet import CONFIG, Fleet
+from helpers.ordered_flight import flown, load
 from helpers.staging import at, mission
 
 from gcs.core.state import State
@@ -16,8 +17,7 @@ from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.model import NS_PER_S, AgentStatus, Notice, NoticeCode, Route, UploadReport, read_only
 from sim_vehicles.autopilots.autopilot_traits import Mode
-from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
-from sim_vehicles.world.scenario import load
+from sim_vehicles.campaign.virtual_run import START_T_NS
 
 
 class UploadManager:
@@ -83,9 +83,8 @@ class Returned:
     """A virtual flight in which vehicle 1 goes to RTL after a while, and the operator's notices of it."""
 
     def __init__(self, goes, at_s, until_s):
-        self.effects = []
-        self.run = VirtualRun(load("prescribed"), 1, None, lambda t_ns, e: self.effects.append((t_ns, e)))
-        self.run.run(at_s)
+        flight = flown(load("prescribed"), at_s)
+        self.run, self.effects = flight.run, flight.effects
         self.plane = self.run.vehicles["vehicle:1"].autopilot
         self.began_t_ns = START_T_NS + round(at_s * NS_PER_S)
         goes(self.plane)
