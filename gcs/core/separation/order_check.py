@@ -47,7 +47,7 @@ _LATE_OFF_BAND_M: Final = 10.0
 """Distance by which it may go below the band shortly before a loss of separation."""
 _WORSE: Final = 0.1
 """Share of the minimum distances by which an order must bring a vehicle nearer."""
-_LATER_S: Final = 15.0
+_LATER_S: Final = 18.0
 """Time in which a climb leads a vehicle a layer away."""
 _ZONE_AHEAD_S: Final = 40.0
 """Time without an incursion for which one that held may fly on: more than that at which it holds."""
