@@ -23,6 +23,7 @@ def fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray,
     in_air = np.ones(len(last), dtype=bool)
     circled_s = np.zeros(len(last))
     rising = np.maximum(climb, gradient * speed)
+    low_rate = high_rate = climb
     dt = step_s + age  # the first step makes up for the age of the state
     paths[:, 0] = east + speed * age * np.sin(course), north + speed * age * np.cos(course), low, high
     closest = np.full(len(last), np.inf)  # to the goal, since it is the goal
@@ -75,8 +76,15 @@ def fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray,
         evenly_high = np.minimum(np.maximum(up_high * share, -most), most)
         drift = climb * dt * ((k * step_s <= f._LEVEL_S) | (kind == f._DRIFT))
         by_goal = is_leg | is_circle
-        low += np.where(by_goal, np.minimum(at_once, evenly), np.minimum(drift, 0.0) * ~is_climb)
-        high += np.where(by_goal, np.maximum(at_once_high, evenly_high), np.maximum(drift, 0.0) * ~is_climb)
+        low_by = np.minimum(at_once, evenly)
+        high_by = np.maximum(at_once_high, evenly_high)
+        gain = by_goal * dt / (dt + f._CLIMB_LAG_S)
+        low_rate = low_rate + gain * (low_by / dt - low_rate)
+        high_rate = high_rate + gain * (high_by / dt - high_rate)
+        low_by = np.where(low_by > 0.0, np.minimum(low_by, low_rate * dt), low_by)
+        high_by = np.where(high_by < 0.0, np.maximum(high_by, high_rate * dt), high_by)
+        low += np.where(by_goal, low_by, np.minimum(drift, 0.0) * ~is_climb)
+        high += np.where(by_goal, high_by, np.maximum(drift, 0.0) * ~is_climb)
         low += is_climb * (1.0 - f._CLIMB_SPREAD) * rising * dt
         high += is_climb * (1.0 + f._CLIMB_SPREAD) * rising * dt
         high = np.where(is_climb, np.minimum(high, np.maximum(to_height, height)), high)

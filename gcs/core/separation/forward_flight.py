@@ -10,7 +10,8 @@ on a course with the unit vector c is ``w . c + sqrt(V^2 - (w x c)^2)``. L1 guid
 vehicle is over ground: the greatest turn rate stays. A vehicle without a goal keeps its bank instead.
 
 A height is a band. Autopilots change heights at once or evenly along a leg, and the band has both. Along a
-leg a height changes as far as the vehicle comes nearer to its end: while it turns round it stays.
+leg a height changes as far as the vehicle comes nearer to its end: while it turns round it stays. Vertical
+speeds follow with a lag, and the band has the heights with and without it.
 
 Shapes: n vehicles, m goals of each, k time steps.
 """
@@ -42,6 +43,8 @@ _GREATEST_AIRSPEED: Final = 2.0
 """Airspeeds, by the cruising speed, between which an estimate of the wind is plausible."""
 _ROUNDING_M: Final = 1e-3
 """More than rounding adds to a simulated way."""
+_CLIMB_LAG_S: Final = 3.0
+"""Time constant with which the vertical speed follows: that of TECS."""
 _CLIMB_SPREAD: Final = 0.4
 """Relative uncertainty of the vertical speed after a take-off."""
 _BEHIND_RAD: Final = 1.8
@@ -287,6 +290,8 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
         low = height - state[i, 10]
         high = height + state[i, 10]
         rising = max(climb, state[i, 9] * speed)
+        low_rate = climb
+        high_rate = climb
         dt = step_s + age  # the first step makes up for the age of the state
         paths[0, 0, i] = east + speed * age * math.sin(course)
         paths[1, 0, i] = north + speed * age * math.cos(course)
@@ -339,8 +344,13 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
                 most = _MAX_CLIMB_M_S * dt
                 up = to_height - low
                 up_high = to_height - high
-                low += min(min(max(up, -change), change), min(max(up * share, -most), most))
-                high += max(min(max(up_high, -change), change), min(max(up_high * share, -most), most))
+                low_by = min(min(max(up, -change), change), min(max(up * share, -most), most))
+                high_by = max(min(max(up_high, -change), change), min(max(up_high * share, -most), most))
+                gain = dt / (dt + _CLIMB_LAG_S)
+                low_rate += gain * (low_by / dt - low_rate)
+                high_rate += gain * (high_by / dt - high_rate)
+                low += min(low_by, low_rate * dt) if low_by > 0.0 else low_by
+                high += max(high_by, high_rate * dt) if high_by < 0.0 else high_by
             elif is_climb:
                 low += (1.0 - _CLIMB_SPREAD) * rising * dt
                 high = min(high + (1.0 + _CLIMB_SPREAD) * rising * dt, max(to_height, height))

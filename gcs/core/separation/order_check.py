@@ -47,7 +47,7 @@ _LATE_OFF_BAND_M: Final = 10.0
 """Distance by which it may go below the band shortly before a loss of separation."""
 _WORSE: Final = 0.1
 """Share of the minimum distances by which an order must bring a vehicle nearer."""
-_LATER_S: Final = 15.0
+_LATER_S: Final = 18.0
 """Time in which a climb leads a vehicle a layer away."""
 _ZONE_AHEAD_S: Final = 40.0
 """Time without an incursion for which one that held may fly on: more than that at which it holds."""
@@ -56,6 +56,8 @@ _MAX_RETURN_S: Final = 900.0
 _NOW_S: Final = 2.0
 _HOLD_MARGIN: Final = 1.3
 """Multiple of the minimum distance at which a hold is clear of others: predicted turns are off by 20 m."""
+_MISSION_MARGIN: Final = 1.3
+"""The same for a new mission, which begins with a turn."""
 _CLIMB_LAG_S: Final = 2.5
 """Time until a vehicle that held climbs as its mission asks for."""
 _TURNS_BACK_RAD: Final = 2.3
@@ -243,7 +245,8 @@ class OrderCheck:
         others = [self.intents.flight(one, t_ns) for one in near.values()]
         others += self._air_traffic.flights(t_ns)
         begun = [self._led(near[v], one, t_ns) for v, one in uploading.items() if v in near]
-        problem = self._worse(led, present, [*others, *begun], (False, state.mode == RTL))
+        is_return = False, state.mode == RTL
+        problem = self._worse(led, present, [*others, *begun], is_return, _MISSION_MARGIN)
         led_away = [one for one in others if one.vehicle not in uploading]
         return problem or self._goes_along(led, present, [*led_away, *begun])
 
@@ -393,6 +396,7 @@ class OrderCheck:
         present: Flight,
         others: list[Flight],
         is_return: tuple[bool, bool],
+        margin: float = 1.0,
     ) -> str:
         """Return which vehicle a changed flight comes near to; empty if none, or no nearer than the present.
 
@@ -400,13 +404,15 @@ class OrderCheck:
         ----------
         is_return : tuple of bool
             True for a return, of the changed and of the present flight.
+        margin : float
+            Multiple of the minimum distance at which it is near to a vehicle that it meets.
         """
         if not others:
             return ""
-        led = [*self._met(changed, others, is_return[0])], [*self._overlapping(changed, others)]
+        led = [*self._met(changed, others, is_return[0], margin)], [*self._overlapping(changed, others)]
         if not any(led):
             return ""
-        now = [*self._met(present, others, is_return[1])], [*self._overlapping(present, others)]
+        now = [*self._met(present, others, is_return[1], margin)], [*self._overlapping(present, others)]
         meets, overlaps = (_nearest(one) - _nearest(other) for one, other in zip(led, now, strict=True))
         if meets < -_WORSE:
             return f"would {min(led[0]).words}"

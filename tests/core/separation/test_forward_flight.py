@@ -55,6 +55,21 @@ def test_a_vehicle_that_joins_a_circle_from_afar_is_on_it_half_a_minute_later():
     assert np.abs(radius_m[30:] - 60.0).max() < 15.0
 
 
+@pytest.mark.parametrize("to_m", [160.0, 40.0])
+def test_a_climb_or_descent_that_begins_late_stays_in_the_band(to_m):
+    """A vehicle climbed 4 s later than predicted, after a turn, past one that held (58 m and 6 m)."""
+    rate_m_s = (to_m - 100.0) / (400.0 / SPEED_M_S)
+    now_m_s = -0.2 * rate_m_s
+    paths = simulate_flights([flight(goals=[waypoint(0.0, 400.0, to_m)], climb_m_s=now_m_s)], 12.0)
+    t_s = np.arange(13.0)
+    lag_s = 3.0
+    flown_m = 100.0 + rate_m_s * t_s + (now_m_s - rate_m_s) * lag_s * (1.0 - np.exp(-t_s / lag_s))
+    assert (paths.low_m[:, 0] <= flown_m + 3.0).all()
+    assert (paths.high_m[:, 0] >= flown_m - 3.0).all()
+    nearer_m = flown_m - paths.low_m[:, 0] if to_m > 100.0 else paths.high_m[:, 0] - flown_m
+    assert nearer_m.max() < 6.0
+
+
 def test_a_turn_rate_that_is_seen_is_kept():
     paths = simulate_flights([flight(turn_rate_rad_s=SPEED_M_S / 80.0)], 25.0)
     away_m = np.hypot(paths.east_m - 80.0, paths.north_m)
