@@ -106,8 +106,8 @@ def _round(circle: Goal, radius_m: float) -> Iterator[_Leg]:
     angles = np.linspace(0.0, 2.0 * np.pi, _CORNERS + 1)
     east_m = circle.east_m + radius_m * np.sin(angles)
     north_m = circle.north_m + radius_m * np.cos(angles)
-    low_m, high_m = circle.height_m - _OFF_M, circle.height_m + _OFF_M
-    return pairwise([(east, north, low_m, high_m) for east, north in zip(east_m, north_m, strict=True)])
+    heights_m = (circle.height_m - _OFF_M, circle.height_m + _OFF_M)
+    return pairwise([(east, north, *heights_m) for east, north in zip(east_m, north_m, strict=True)])
 
 
 def _is_met(zone: ClosedZone, begin: _Place, end: _Place) -> bool:
