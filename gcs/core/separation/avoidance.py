@@ -136,7 +136,7 @@ class Avoidances:
     def hold(self, encounter: Encounter, flights: PredictedFlights) -> list[Effect]:
         """Let one vehicle of an encounter hold, if that helps; nothing while one of them holds for the other.
 
-        One that holds for a third vehicle, or before a zone, is passed by none that can hold.
+        While one holds for a third vehicle, or before a zone, the other one may hold, too.
         """
         t_ns = flights.t_ns
         pair = [vehicle for vehicle in encounter.vehicles if vehicle in self._agents]
@@ -296,7 +296,7 @@ class Avoidances:
         routes = self._agents[vehicle].routes
         if held_ns < _MAX_HOLD_NS and not (is_clear and held_ns >= _MIN_HOLD_NS):
             return []
-        if routes.stacked is not None:
+        if routes.stacked is not None or self._tasking.state.has_pending(vehicle):
             return []
         routes.drop_flown()
         return self._end(vehicle, "it waits for a new mission", t_ns)

@@ -54,6 +54,7 @@ _ZONE_AHEAD_S: Final = 40.0
 _MAX_RETURN_S: Final = 900.0
 """Time of a way home that is checked for zones and obstacles."""
 _NOW_S: Final = 2.0
+"""Time of the present flight in which a vehicle counts as inside an area."""
 _HOLD_MARGIN: Final = 1.3
 """Multiple of the minimum distance at which a hold is clear of others: predicted turns are off by 20 m."""
 _MISSION_MARGIN: Final = 1.3
@@ -235,7 +236,8 @@ class OrderCheck:
         uploading : mapping of int to Route
             Routes of missions that others are getting now; these count beside their present flights.
         """
-        flying = self.intents.flying_near(route.vehicle, _AHEAD_S, self._min_m + 2.0 * _GROWTH_M, t_ns)
+        within_m = _MISSION_MARGIN * self._min_m + 2.0 * _GROWTH_M
+        flying = self.intents.flying_near(route.vehicle, _AHEAD_S, within_m, t_ns)
         near = {state.system_id: state for state in flying}
         state = near.pop(route.vehicle, None)
         if state is None or self.intents.is_climbing_out(state):
