@@ -367,10 +367,11 @@ class OrderCheck:
         conflicts = [*self._overlapping(own, others, last=True)]
         if not conflicts and not circles_only:
             present = flights.of(route.vehicle)
-            now = {one.other: one.nearness for one in self._met(present, others, is_return=True)}
+            met = self._met(present, others, True, _MISSION_MARGIN)
+            now = {one.other: one.nearness for one in met}
             conflicts = [
                 one
-                for one in self._met(own, others, is_return=True)
+                for one in self._met(own, others, True, _MISSION_MARGIN)
                 if one.nearness < now.get(one.other, _CLEAR) - _WORSE
             ]
         return f"would {min(conflicts).words}" if conflicts else ""
