@@ -15,6 +15,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from helpers.chaos import fly_under
 from helpers.chaos_checks import check
@@ -27,6 +28,7 @@ def one_run(seed: int, speed: float, keep: Path | None) -> dict[str, object]:
     folder = Path(tempfile.mkdtemp(prefix="chaos-"))
     try:
         flight = fly_under(folder, seed, speed, check)
+        (folder / "events.msgpack").write_bytes(msgspec.msgpack.encode(flight.events))
         found = {
             "seed": seed,
             "faults": flight.done,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from itertools import groupby, pairwise
+from itertools import chain, groupby, pairwise
 from math import inf
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -18,7 +18,7 @@ from gcs.core.engine import Engine
 from gcs.core.snapshot import decode_state
 from gcs.core.state import flown_routes
 from gcs.errors import RecordingError
-from gcs.io.cluster.event_log import decode_batch, digest, unpacked
+from gcs.io.cluster.event_log import decode_batch, digest, packed, unpacked
 from gcs.io.record_json import decode as decode_record
 from gcs.io.recording.reader import Damage, Record, read, read_info
 from gcs.mavlink.frames.codec import decode
@@ -355,21 +355,32 @@ def _engine_at(kept: _Kept, batches: list[bytes], t_ns: int) -> tuple[Engine, in
         snapshot = values[begin]
         assert isinstance(snapshot, Snapshot)
         engine.state = decode_state(kept.name, snapshot.data)
-    last_t_ns = max((one.t_ns for one in values[:begin] if isinstance(one, Event)), default=0)
-    for value in values[begin:]:
-        if isinstance(value, Event) and not isinstance(value, Truth):
-            if value.t_ns > t_ns:
-                break
-            engine.step(value)
-            last_t_ns = value.t_ns
-    for event in _events(batches):
-        if last_t_ns < event.t_ns <= t_ns:
-            engine.step(event)
-            last_t_ns = event.t_ns
-    return engine, last_t_ns
+    events = [one for one in values[begin:] if isinstance(one, Event) and not isinstance(one, Truth)]
+    last = max((one for one in values[:begin] if isinstance(one, Event)), key=_event_t_ns, default=None)
+    for event in chain(events, _later(batches, events[-1] if events else last)):
+        if event.t_ns > t_ns:
+            break
+        engine.step(event)
+        last = event
+    return engine, last.t_ns if last else 0
 
 
-def _events(batches: list[bytes]) -> Iterator[Event]:
+def _event_t_ns(event: Event) -> int:
+    return event.t_ns
+
+
+def _later(batches: list[bytes], last: Event | None) -> Iterator[Event]:
+    """Return the events of a command after one of its events, as far as no batch is missing.
+
+    By number: events can have equal times, and a node that was replaced may go on sending its own.
+    """
+    number = None
+    wanted = packed(last) if last else None
     for payload in batches:
-        for kind, data in decode_batch("events", payload).events:
-            yield unpacked(kind, data)
+        batch = decode_batch("events", payload)
+        for n, event in enumerate(batch.events, batch.first):
+            if n == number:
+                yield unpacked(*event)
+                number += 1
+            elif number is None and event == wanted:
+                number = n + 1
