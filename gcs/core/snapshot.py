@@ -17,7 +17,7 @@ from gcs.core.state import State
 from gcs.errors import WireError
 from gcs.model import NS_PER_S, Event, Snapshot, Tick, array_of_parts, array_parts
 
-VERSION: Final = 4
+VERSION: Final = 5
 PERIOD_NS: Final = 10 * NS_PER_S
 """A replay from any time processes at most the events of this period first: some 0.1 s."""
 MAX_BYTES: Final = 64 * 1024 * 1024

@@ -7,15 +7,16 @@ lie:
 - ``kill an agent``: agent 3, which flies and reports, is left out. Seconds until it counts as lost.
 - ``kill a target``: target 0 is left out. Seconds until no track is near it.
 - ``ghost``: a target where nothing is. Seconds until a vehicle is sent there.
-- ``move a target``, ``move an agent``: target 0 or agent 3 is dragged away at 5 m/s. Greatest distance from
-  the object to the nearest track, in metres.
+- ``move a target``: target 0 is dragged away (`--drag-m-s`). Seconds in which no probable track is near it,
+  and how long after the beginning the last of them was.
+- ``move an agent``: agent 3 is dragged away. Greatest distance from it to the nearest track, in metres.
 - ``revive``: agent 2, which crashes at 50 s, flies on. Seconds after the crash until it counts as lost.
 
 Each for hostile scans at 1, 2 and 10 Hz, within 60 s; "no" if it does not come about.
 
 Behind each the seconds until an alarm says that the two sensors contradict each other.
 
-    python tests/bench/bench_rogue_sensor.py [--seeds 3] [--lies revive ghost]
+    python tests/bench/bench_rogue_sensor.py [--seeds 3] [--lies revive ghost] [--drag-m-s 5]
 """
 
 from __future__ import annotations
@@ -34,7 +35,6 @@ BEGIN_S, END_S, CRASH_S = 60.0, 120.0, 50.0
 AGENT, CRASHED, TARGET = 3, 2, 0
 GHOST_M: Final = np.array([1500.0, 1850.0])
 NEAR_M = 40.0
-DRAG_M_S = 5.0
 FIELD_M = (-200.0, -200.0, 2200.0, 2200.0)
 LIES = ("none", "kill an agent", "kill a target", "ghost", "move a target", "move an agent", "revive")
 
@@ -89,8 +89,8 @@ class Watch:
 class Rogue:
     """The hostile sensor."""
 
-    def __init__(self, lie: str, run: VirtualRun, watch: Watch) -> None:
-        self.lie, self.run, self.watch = lie, run, watch
+    def __init__(self, lie: str, drag_m_s: float, run: VirtualRun, watch: Watch) -> None:
+        self.lie, self.drag_m_s, self.run, self.watch = lie, drag_m_s, run, watch
         self.rng = np.random.default_rng(1)
         self.wreck: tuple[np.ndarray, np.ndarray] | None = None
         """Place and velocity of the crashed agent before its crash."""
@@ -104,7 +104,7 @@ class Rogue:
         """Return a scan of now."""
         t_ns = self.run.t_ns
         agents, targets = self.agents(), self.watch.targets(t_ns)
-        away = np.array([0.0, DRAG_M_S * (t_s - BEGIN_S)])
+        away = np.array([0.0, self.drag_m_s * (t_s - BEGIN_S)])
         match self.lie:
             case "kill an agent":
                 agents.pop(AGENT)
@@ -125,18 +125,21 @@ class Rogue:
         return Scan(t_ns, t_ns, sensor, detections)
 
 
-def fly(lie: str, rate_hz: float, seed: int) -> str:
+def fly(lie: str, drag_m_s: float, rate_hz: float, seed: int) -> str:
     """Fly; return what came of the lie, and when an alarm named both sensors."""
     watch = Watch()
     run = VirtualRun(load("prescribed"), seed, on_effect=watch.effect, on_truth=watch.truths.append)
-    rogue = Rogue(lie, run, watch)
+    rogue = Rogue(lie, drag_m_s, run, watch)
     begin_s = CRASH_S if lie == "revive" else BEGIN_S
     run.run(CRASH_S - 1.0)
     before = rogue.agents()[CRASHED]
     run.run(CRASH_S - 0.5)
     wreck = rogue.agents()[CRASHED]
     rogue.wreck = wreck, (wreck - before) / 0.5
-    worst_m, gone_s, next_s = 0.0, None, begin_s
+    worst_m = 0.0
+    gone_s: list[float] = []
+    """Times at which no track is near target 0."""
+    next_s = begin_s
     while (t_s := (run.t_ns - START_T_NS) / NS_PER_S) < END_S and not run.ended:
         run.run(t_s + 0.01)
         if t_s < next_s:
@@ -149,19 +152,22 @@ def fly(lie: str, rate_hz: float, seed: int) -> str:
         elif t_s > BEGIN_S:
             distance_m = watch.distance_m("targets", watch.targets(run.t_ns)[TARGET])
             worst_m = max(worst_m, distance_m)
-            if distance_m > NEAR_M and gone_s is None:
-                gone_s = t_s
+            if distance_m > NEAR_M:
+                gone_s.append(t_s)
     came = outcome(lie, watch, gone_s, worst_m)
+    if lie == "move a target":
+        last = f", last {seconds(gone_s[-1], BEGIN_S)}" if gone_s else ""
+        came = f"{len(gone_s) / rate_hz:.1f} s{last}"
     return f"{came} (alarm {seconds(watch.alarm_s, begin_s)})"
 
 
-def outcome(lie: str, watch: Watch, gone_s: float | None, worst_m: float) -> str:
+def outcome(lie: str, watch: Watch, gone_s: list[float], worst_m: float) -> str:
     """Return what came of the lie."""
     match lie:
         case "kill an agent":
             return seconds(watch.lost_s.get(AGENT), BEGIN_S)
         case "kill a target":
-            return seconds(gone_s, BEGIN_S)
+            return seconds(min(gone_s, default=None), BEGIN_S)
         case "ghost":
             return seconds(watch.to_ghost_s, BEGIN_S)
         case "revive":
@@ -181,10 +187,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--lies", nargs="+", choices=LIES, default=LIES)
+    parser.add_argument("--drag-m-s", type=float, default=5.0, help="speed of the drag")
     arguments = parser.parse_args()
     for lie in arguments.lies:
         for rate_hz in (1.0, 2.0, 10.0):
-            results = [fly(lie, rate_hz, seed) for seed in range(1, arguments.seeds + 1)]
+            results = [fly(lie, arguments.drag_m_s, rate_hz, seed) for seed in range(1, arguments.seeds + 1)]
             print(f"{lie:15} {rate_hz:4.0f} Hz  {'; '.join(results)}", flush=True)
 
 

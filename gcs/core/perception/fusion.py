@@ -111,9 +111,9 @@ class MultiSensorTracker:
         of_agents = self.agents.intensity(t_ns, at_agents.z_m, at_agents.sensor)
         theirs = self.targets.update(t_ns, at_targets.z_m, at_targets.sensor, of_agents)
         explained = 1.0 - (1.0 - ours.explained) * (1.0 - theirs.explained)
-        for kind, seen in ((self.agents, at_agents), (self.targets, at_targets)):
-            kind.unknown.add_scan(t_ns, seen.z_m, seen.sensor, explained)
-        self.untracked.add_scan(t_ns, at_targets.z_m, at_targets.sensor, explained)
+        self.agents.unknown.add_scan(t_ns, at_agents.z_m, at_agents.sensor, explained)
+        persist = self.untracked.add_scan(t_ns, at_targets.z_m, at_targets.sensor, explained)
+        self.targets.unknown.add_scan(t_ns, at_targets.z_m, at_targets.sensor, explained, is_sure=persist)
         detected = ours.detected + theirs.detected
         in_view = ours.in_view + theirs.in_view
         estimation.add_scan(float((1.0 - explained).sum()), detected, in_view)

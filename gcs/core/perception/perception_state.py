@@ -165,7 +165,8 @@ class TrackerState:
 class UntrackedState:
     """Detections that persist without a track."""
 
-    chains: PersistentDetections = field(default_factory=PersistentDetections)
+    chains: dict[str, PersistentDetections] = field(default_factory=dict)
+    """By sensor."""
     new_m: list[tuple[float, float]] = field(default_factory=list)
     """Positions, east and north, that no alarm has named yet."""
     notice_t_ns: int | None = None

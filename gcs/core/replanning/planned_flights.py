@@ -41,7 +41,7 @@ class AltitudeLayers:
         self._agents = agents
         self._state = state
         airframes = config.airframes_of_agents.items()
-        self._radii_m = {vehicle: one.loiter_radius_m for vehicle, one in airframes}
+        self._radii_m = {vehicle: one.circle_radius_m for vehicle, one in airframes}
         self._base_m = config.mission.altitude_rel_m
         self._step_m = config.mission.layer_step_m
         self._base_msl_m = config.frame.alt_msl_m

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gcs.model import NS_PER_S, FloatArray, IntArray, Sensor, read_only
+from gcs.model import NS_PER_S, BoolArray, FloatArray, IntArray, Sensor, read_only
 from gcs.tracking.glmb.params import Birth
 from gcs.tracking.models import constant_velocity, sensor_geometry
 
@@ -123,18 +123,19 @@ class AdaptiveBirth:
         sensor: Sensor,
         explained: FloatArray,
         log_ratio: FloatArray | None = None,
+        is_sure: BoolArray | None = None,
     ) -> None:
         """Add a processed scan: detections (m, 2) and the probability that tracks explain each (m,).
 
         `log_ratio` (m,) is the log-likelihood ratio of what else was measured of each, object against
-        clutter.
+        clutter. Those of `is_sure` (m,) give birth with the greatest probability.
         """
         elapsed_s = add_scan_time(self._state.last_scan_t_ns, t_ns, sensor.name)
         unexplained = unexplained_weight(explained, log_ratio)
         if self._per_s <= 0.0 or not unexplained.any():
             return
         expected = self._per_s * elapsed_s / len(self._state.last_scan_t_ns)
-        rows, probability = birth_probabilities(unexplained, expected, self._max_probability)
+        rows, probability = birth_probabilities(unexplained, expected, self._max_probability, is_sure)
         self._state.unexplained = Unexplained(
             t_ns, z_m[rows], sensor_geometry.noise_m2(sensor, z_m[rows]), probability
         )
@@ -159,7 +160,7 @@ def unexplained_weight(explained: FloatArray, log_ratio: FloatArray | None) -> F
 
 
 def birth_probabilities(
-    unexplained: FloatArray, expected: float, max_probability: float
+    unexplained: FloatArray, expected: float, max_probability: float, is_sure: BoolArray | None = None
 ) -> tuple[IntArray, FloatArray]:
     """Return the detections that give birth (n,) and their birth probabilities (n,).
 
@@ -169,8 +170,14 @@ def birth_probabilities(
         Weight of each detection (`unexplained_weight`), not all 0.
     expected : float
         lambda_B, the expected number of births.
+    max_probability : float
+        Largest probability of a single birth.
+    is_sure : (m,) array, optional
+        True for a detection with that probability.
     """
     probability = np.minimum(unexplained / unexplained.sum() * expected, max_probability)
+    if is_sure is not None:
+        probability[is_sure] = max_probability
     rows = np.argsort(-probability, kind="stable")[:_MAX_BIRTHS]
     rows = np.sort(rows[probability[rows] >= _MIN_PROBABILITY])
     return rows, probability[rows]

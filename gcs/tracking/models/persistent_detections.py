@@ -7,6 +7,8 @@ score ends. The score does not change where no sensor looks.
 
 A chain is persistent from a score of 25 on. By Wald's bound, clutter reaches that less than once in 7e10
 chains: far less than once a year. It takes five detections at 20 false detections a scan on 2 km x 2 km.
+
+The chains are those of one sensor: another one that is blind or lies does not end them by its misses.
 """
 
 from __future__ import annotations
@@ -37,7 +39,7 @@ _MAX_CHAINS: Final = 300
 
 @dataclass(slots=True)
 class PersistentDetections:
-    """Chains of detections without a track, over the scans of all sensors; n chains."""
+    """Chains of detections of one sensor without a track; n chains."""
 
     t_ns: int = 0
     """Time of the last scan."""
@@ -61,8 +63,13 @@ class PersistentDetections:
         """Positions (n, 2) of the persistent chains, east and north."""
         return np.asarray(self.mean[self.found, :2])
 
-    def process_scan(self, t_ns: int, z_m: FloatArray, sensor: Sensor, explained: FloatArray) -> FloatArray:
-        """Process a scan; return positions (n, 2) of the chains that have just become persistent.
+    def process_scan(
+        self, t_ns: int, z_m: FloatArray, sensor: Sensor, explained: FloatArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """Process a scan of the sensor.
+
+        Returns positions (n, 2) of the chains that have just become persistent, and (m,) True for each
+        detection that belongs to a persistent chain.
 
         Parameters
         ----------
@@ -81,12 +88,16 @@ class PersistentDetections:
         z = z_m[unexplained]
         noise = sensor_geometry.noise_m2(sensor, z_m[unexplained])
         clutter = np.maximum(sensor_geometry.clutter_per_m2(sensor, z), _MIN_CLUTTER_PER_M2)
-        is_assigned = self._associate(z, noise, clutter, sensor)
-        self._keep((self.score >= 0.0) & (self.cov[:, [0, 1], [0, 1]].max(axis=1) <= _MAX_STD_M**2))
-        self._begin(z[~is_assigned], noise[~is_assigned])
+        chain = self._associate(z, noise, clutter, sensor)
+        is_used = chain >= 0
         new = ~self.found & (self.score >= _PERSISTENT_SCORE)
         self.found |= new
-        return np.asarray(self.mean[new, :2])
+        new_m = self.mean[new, :2]
+        is_persistent = np.zeros(len(z_m), np.bool_)
+        is_persistent[unexplained[is_used]] = self.found[chain[is_used]]
+        self._keep((self.score >= 0.0) & (self.cov[:, [0, 1], [0, 1]].max(axis=1) <= _MAX_STD_M**2))
+        self._begin(z[~is_used], noise[~is_used])
+        return new_m, is_persistent
 
     def _predict(self, t_ns: int) -> None:
         dt_s = (t_ns - self.t_ns) / NS_PER_S if self.score.size else 0.0
@@ -96,12 +107,12 @@ class PersistentDetections:
         self.mean = self.mean @ F.T
         self.cov = F @ self.cov @ F.T + Q
 
-    def _associate(self, z: FloatArray, noise: FloatArray, clutter: FloatArray, sensor: Sensor) -> BoolArray:
+    def _associate(self, z: FloatArray, noise: FloatArray, clutter: FloatArray, sensor: Sensor) -> IntArray:
         """Update each chain with its likeliest detection, unless a chain with a greater score has it.
 
-        Returns True for each detection that was used.
+        Returns the chain of each detection, -1 for none.
         """
-        is_assigned = np.zeros(len(z), np.bool_)
+        chain_of = np.full(len(z), -1)
         detected = min(sensor.detection_probability, _MAX_DETECTION)
         missed = sensor_geometry.covers(sensor, self.mean[:, :2])
         chain, detection, innovation, S = self._pairs(z, noise)
@@ -113,14 +124,14 @@ class PersistentDetections:
             pair = _first_of_each(pair[np.argsort(-ratio[pair], kind="stable")], chain)
             pair = _first_of_each(pair[np.argsort(-self.score[chain[pair]], kind="stable")], detection)
             hit = chain[pair]
-            is_assigned[detection[pair]] = True
+            chain_of[detection[pair]] = hit
             missed[hit] = False
             self.score[hit] = np.minimum(self.score[hit] + ratio[pair], _MAX_SCORE)
             K = self.cov[hit, :, :2] @ np.linalg.inv(S[pair])
             self.mean[hit] += (K @ innovation[pair][:, :, None])[:, :, 0]
             self.cov[hit] -= K @ self.cov[hit, :2]
         self.score[missed] += math.log1p(-detected)
-        return is_assigned
+        return chain_of
 
     def _pairs(self, z: FloatArray, noise: FloatArray) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
         """Return chain, detection, innovation and its covariance of all pairs that may be in a gate."""

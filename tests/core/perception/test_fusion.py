@@ -19,6 +19,13 @@ from gcs.model import NoticeCode, Sensor, read_only
 START, GOAL = (100.0, 200.0), (1500.0, 200.0)
 
 
+UNFORESEEN = """
+[tracking.targets]
+accel_psd_m2_s3 = 0.25
+anywhere = {per_s = 0.0005}
+"""
+
+
 class Sky:
     """Trackers of a mission, and a sensor with noise over it. Clutter comes where a test puts it."""
 
@@ -159,6 +166,27 @@ def test_a_fast_sensor_that_leaves_a_target_out_cannot_end_its_track_while_the_r
         elif t_s > 5.0:
             sky.trackers.scan(replace(scan(t_s, START), sensor=rogue), [])
             assert near(sky.targets, GOAL, 15.0), t_s
+
+
+@pytest.mark.parametrize("rate_hz", [1, 10])
+def test_a_target_that_a_hostile_sensor_drags_away_has_a_track_at_its_place_again(rate_hz):
+    """The misses of the hostile sensor ended each new track there before the radar's second detection."""
+    sky = Sky(mission(agents=[START], births=[GOAL], tables=UNFORESEEN))
+    rogue = replace(RADAR, name="rogue", detection_probability=0.99, noise_cov_m2=read_only(np.eye(2)))
+    begin_s = 20.0
+    is_back = []
+    for tenth in range(500):
+        t_s = 0.1 * tenth
+        target = (GOAL[0], GOAL[1] + 10.0 * t_s)  # away from the place where births are declared
+        if tenth % 10 == 0:
+            sky.scan(t_s, START, target, clutter=sky.rng.uniform(0.0, 2000.0, (20, 2)).tolist())
+            is_back.append(bool(near(sky.targets, target, 15.0)))
+        elif t_s > begin_s and tenth % 10 % (10 // rate_hz) == 5 % (10 // rate_hz):
+            dragged = (target[0] + 5.0 * (t_s - begin_s), target[1])
+            sky.trackers.scan(replace(scan(t_s, START, dragged), sensor=rogue), [])
+    assert all(is_back[3:20])
+    assert not all(is_back[20:35])
+    assert all(is_back[35:])
 
 
 def test_a_vehicle_that_reports_where_nothing_is_known_comes_back_into_the_picture():
@@ -444,7 +472,7 @@ def test_trackers_refuse_a_damaged_snapshot(damage):
 
 
 def damage_chains(trackers):
-    trackers.untracked.chains.mean = np.zeros((3, 4))
+    trackers.untracked.chains[RADAR.name].mean = np.zeros((3, 4))
 
 
 def damage_unexplained(trackers):

@@ -29,7 +29,9 @@ def found(clutter, objects, scans, seed, detection=0.95, one=None):
     news = []
     for k in range(scans):
         z = scan(rng, clutter, objects(k), detection)
-        new = persistent.process_scan(k * NS_PER_S, z, one or sensor(clutter, detection), np.zeros(len(z)))
+        used = one or sensor(clutter, detection)
+        new, is_persistent = persistent.process_scan(k * NS_PER_S, z, used, np.zeros(len(z)))
+        assert is_persistent.sum() <= len(persistent.places_m)
         news += [(k, place) for place in new]
     return news, persistent
 
@@ -55,11 +57,23 @@ def test_an_object_persists_within_some_scans_and_once(clutter, speed_m_s, detec
     assert len(persistent.places_m) == 1
 
 
+def test_the_detections_of_a_persistent_chain_are_told():
+    persistent = PersistentDetections()
+    told = []
+    for k in range(12):
+        z = np.array([[1500.0, 100.0 + 150.0 * k], [300.0, 700.0]])  # the first are too far from each other
+        told.append(persistent.process_scan(k * NS_PER_S, z, sensor(20), np.zeros(2))[1].tolist())
+    assert told[0] == [False, False]
+    assert told[-1] == [False, True]
+
+
 def test_explained_detections_do_not_persist():
     persistent = PersistentDetections()
     for k in range(30):
         z = np.array([[300.0, 700.0], [1500.0, 100.0]])
-        assert not len(persistent.process_scan(k * NS_PER_S, z, sensor(20), np.array([0.99, 1.0])))
+        new, is_persistent = persistent.process_scan(k * NS_PER_S, z, sensor(20), np.array([0.99, 1.0]))
+        assert not len(new)
+        assert not is_persistent.any()
 
 
 def test_it_ends_when_the_object_is_gone_or_tracked():
