@@ -76,6 +76,8 @@ class NoFlyZones:
     Attributes
     ----------
     closed : dict of str to ClosedZone
+    closed_cells : Grid
+        Map of all closed zones, at any height.
     obstacles : ObstacleMap
         The current map.
     """
@@ -94,6 +96,7 @@ class NoFlyZones:
         full = self._open.full
         areas = {name: closed_area(full, zone) for name, zone in self._state.zones.items()}
         self.closed = {name: self._closed(area) for name, area in areas.items()}
+        self.closed_cells = blocked_by(free_grid_like(full), areas.values())
         self.obstacles = self._open.with_areas(areas.values())
         self.__dict__.pop("limited", None)
         self.__dict__.pop("limited_cells", None)

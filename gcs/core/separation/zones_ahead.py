@@ -51,9 +51,10 @@ class ZonesAhead:
         return self._met(_legs(flight, ahead_s), margin_m)
 
     def _first(self, legs: Iterable[_Leg]) -> str:
-        closed = self._zones.closed
-        found = (name for leg in legs for name, zone in closed.items() if _is_met(zone, *leg))
-        return next(found, "")
+        cells = self._zones.closed_cells
+        near = (leg for leg in legs if not line_of_sight(cells, leg[0][:2], leg[1][:2]))
+        closed = self._zones.closed.items()
+        return next((name for leg in near for name, zone in closed if _is_met(zone, *leg)), "")
 
     def _met(self, flown: Iterable[_Leg], margin_m: float = 0.0) -> str:
         legs = list(flown)
