@@ -22,6 +22,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -137,6 +138,18 @@ class Flight:
         airspeed = self.airspeed_m_s
         around = max(airspeed - wind_m_s * wind_m_s / airspeed, _LOW_SPEED_M_S)
         return leg_time_s(leg_m, airspeed, self.wind_m_s) + circle_m / around
+
+    def round_s(self, most_s: float) -> float:
+        """Return the time to the circle at the end of the flight, straight, and once round it."""
+        last = self.goals[-1]
+        leg_m = (last.east_m - self.east_m, last.north_m - self.north_m)
+        return min(self.time_s(leg_m, 2.0 * math.pi * abs(last.radius_m)), most_s)
+
+    def way_s(self, most_s: float) -> float:
+        """Return the time of the legs over all goals, to the circle at the last one."""
+        places_m = [(self.east_m, self.north_m), *((goal.east_m, goal.north_m) for goal in self.goals)]
+        legs_m = [(end[0] - begin[0], end[1] - begin[1]) for begin, end in pairwise(places_m)]
+        return min(sum(self.time_s(leg_m, 0.0) for leg_m in legs_m), most_s)
 
     def reach_m(self, for_s: float) -> float:
         """Return an upper bound of the distance from its place after some time."""

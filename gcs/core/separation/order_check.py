@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Final
 
 from gcs.config import Config
@@ -49,12 +48,6 @@ _WORSE: Final = 0.1
 """Share of the minimum distances by which an order must bring a vehicle nearer."""
 _LATER_S: Final = 18.0
 """Time in which a climb leads a vehicle a layer away."""
-_ZONE_AHEAD_S: Final = 40.0
-"""Time without an incursion for which one that held may fly on: more than that at which it holds."""
-_MAX_RETURN_S: Final = 900.0
-"""Time of a way home that is checked for zones and obstacles."""
-_NOW_S: Final = 2.0
-"""Time of the present flight in which a vehicle counts as inside an area."""
 _HOLD_MARGIN: Final = 1.3
 """Multiple of the minimum distance at which a hold is clear of others: predicted turns are off by 20 m."""
 _MISSION_MARGIN: Final = 1.3
@@ -124,33 +117,8 @@ class OrderCheck:
         )
 
     def _area_problem(self, vehicle: int, mode: str, flights: PredictedFlights) -> str:
-        """Return which zone or obstacle a mode leads a vehicle to; empty if to none, or as it flies now.
-
-        Routes keep clear of obstacles.
-        """
-        ordered = flights.of(vehicle, mode)
-        present = flights.of(vehicle)
-        if mode == LOITER:
-            return self._hold_problem(ordered, present)
-        if mode == RTL:
-            return self._return_problem(ordered, present)
-        zone = self._zones.first(ordered, _ZONE_AHEAD_S) if mode == AUTO else ""
-        is_worse = bool(zone) and zone != self._zones.first(present, _ZONE_AHEAD_S)
-        return f"would fly into no-fly zone {zone}" if is_worse else ""
-
-    def _hold_problem(self, hold: Flight, present: Flight) -> str:
-        """Return which zone or obstacle a hold leads to; empty if to none, or as the present flight does."""
-        for_s = _round_s(hold)
-        problem = self._zones.problem(hold, for_s, self._zones.margin_m)
-        return problem if problem and problem != self._zones.problem(present, for_s) else ""
-
-    def _return_problem(self, back: Flight, present: Flight) -> str:
-        """Return which zone or obstacle RTL leads to; empty if to none, or if the vehicle is in it now.
-
-        The circle at home is compared with zones only.
-        """
-        problem = self._zones.problem_on_way(back, _way_s(back)) or self._zones.circle_problem(back.goals[-1])
-        return problem if problem and problem != self._zones.problem(present, _NOW_S) else ""
+        """Return which zone or obstacle a mode leads a vehicle to; empty if to none, or as it flies now."""
+        return self._zones.mode_problem(mode, flights.of(vehicle, mode), flights.of(vehicle))
 
     def release_problem(self, vehicle: int, flights: PredictedFlights) -> str:
         """Return what one that holds would come near to if it flew on: a vehicle, the ground, or a zone.
@@ -168,7 +136,7 @@ class OrderCheck:
             return "would fly below the flight band"
         if self._ground.is_known and abs(led.turn_rad) > _TURNS_BACK_RAD:
             return "would turn back beside its route"
-        if zone := self._zones.first(led, _ZONE_AHEAD_S):
+        if zone := self._zones.first(led):
             return f"would fly into no-fly zone {zone}"
         held = self._nearness(present, others)
         if not conflicts or _nearest(conflicts) - held > _WORSE:
@@ -183,10 +151,10 @@ class OrderCheck:
 
     def should_hold_before_zone(self, vehicle: int, flights: PredictedFlights) -> bool:
         """Return True if a flight leads into a zone, and a hold is clear of areas, the ground and others."""
-        if vehicle not in flights.states or not self._zones.first(flights.of(vehicle), _ZONE_AHEAD_S):
+        if vehicle not in flights.states or not self._zones.first(flights.of(vehicle)):
             return False
         hold = flights.of(vehicle, LOITER)
-        for_s = _round_s(hold)
+        for_s = hold.round_s(_MAX_AHEAD_S)
         is_clear = self._zones.is_on_map(hold, for_s) and not self._zones.problem(
             hold, for_s, self._zones.margin_m
         )
@@ -207,11 +175,11 @@ class OrderCheck:
         return max(below_m, above_m) <= _OFF_BAND_M
 
     def _departures_m(self, hold: Flight) -> tuple[float, float]:
-        return self._ground.departures_m(hold, _round_s(hold))
+        return self._ground.departures_m(hold, hold.round_s(_MAX_AHEAD_S))
 
     def _ground_problem(self, flight: Flight) -> str:
         """Return where a flight to its last goal, and round it, comes near the ground; empty if nowhere."""
-        found = self._ground.first(flight, _round_s(flight))
+        found = self._ground.first(flight, flight.round_s(_MAX_AHEAD_S))
         if found is None:
             return ""
         return f"would come within {found.agl_m:.0f} m of the ground in {found.after_s:.0f} s"
@@ -289,7 +257,7 @@ class OrderCheck:
             return 0.0
         held = flights.of(vehicle, LOITER)
         present = flights.of(vehicle)
-        if self._ground_problem(held) or self._hold_problem(held, present):
+        if self._ground_problem(held) or self._zones.hold_problem(held, present):
             return -math.inf
         others = self._others(vehicle, flights)
         return self._nearness(held, others) - self._nearness(present, others)
@@ -306,7 +274,7 @@ class OrderCheck:
             if after_s
             else flights.of(vehicle, LOITER)
         )
-        if max(self._departures_m(hold)) > _OFF_BAND_M or self._hold_problem(hold, flights.of(vehicle)):
+        if max(self._departures_m(hold)) > _OFF_BAND_M or self._zones.hold_problem(hold, flights.of(vehicle)):
             return False
         others = self._others(vehicle, flights)
         if any(self._overlapping(hold, others)):
@@ -436,7 +404,7 @@ class OrderCheck:
         """Yield the vehicles that a flight comes near to, from some time on."""
         for_s = _AHEAD_S
         if is_return:  # up to its place, and once round
-            for_s = min(for_s + _round_s(own), _MAX_AHEAD_S)
+            for_s = min(for_s + own.round_s(_MAX_AHEAD_S), _MAX_AHEAD_S)
         step_s = min(max(for_s / _STEPS, 0.5), _MAX_STEP_S)
         reach_m = own.reach_m(for_s) + margin * self._min_m + _GROWTH_M
         place_m = (own.east_m, own.north_m)
@@ -485,20 +453,6 @@ class OrderCheck:
                     f"{vehicle_name(other.vehicle)}",
                     other.vehicle,
                 )
-
-
-def _round_s(flight: Flight) -> float:
-    """Return the time to the circle at the end of a flight, and once round it."""
-    last = flight.goals[-1]
-    leg_m = (last.east_m - flight.east_m, last.north_m - flight.north_m)
-    return min(flight.time_s(leg_m, 2.0 * math.pi * abs(last.radius_m)), _MAX_AHEAD_S)
-
-
-def _way_s(flight: Flight) -> float:
-    """Return the time of a flight over all its goals, to the circle at the last one."""
-    places_m = [(flight.east_m, flight.north_m), *((goal.east_m, goal.north_m) for goal in flight.goals)]
-    legs_m = [(end[0] - begin[0], end[1] - begin[1]) for begin, end in pairwise(places_m)]
-    return min(sum(flight.time_s(leg_m, 0.0) for leg_m in legs_m), _MAX_RETURN_S)
 
 
 def _at_end(paths: FlightPaths, state: VehicleState, t_ns: int) -> VehicleState:

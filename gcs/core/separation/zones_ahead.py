@@ -10,15 +10,22 @@ import numpy as np
 
 from gcs.core.airspace.no_fly_zones import ClosedZone, NoFlyZones
 from gcs.core.separation.forward_flight import Flight, Goal, GoalKind, simulate_flights
+from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.planning.map.line_of_sight import line_of_sight
 
 _OFF_M: Final = 10.0
 """Distance by which predicted circles are off."""
+_AHEAD_S: Final = 40.0
+"""Time without an incursion for which one that held may fly on: more than that at which it holds."""
+_MAX_ROUND_S: Final = 120.0
+_MAX_RETURN_S: Final = 900.0
+"""Time of a way home that is checked for zones and obstacles."""
+_NOW_S: Final = 2.0
+"""Time of the present flight in which a vehicle counts as inside an area."""
 _TURNS_S: Final = 30
 """Time in which a vehicle has turned towards a distant place."""
 _STRAIGHT_S: Final = 5
 """Length of the legs that are checked afterwards, in time."""
-
 _CORNERS: Final = 24
 """Of the polygon that stands for a circle."""
 
@@ -42,9 +49,37 @@ class ZonesAhead:
         self.margin_m = min(clearance_m, _OFF_M)
         """Distance that a predicted circle should keep from obstacles."""
 
-    def first(self, flight: Flight, ahead_s: float) -> str:
-        """Return the name of the first closed zone that a flight leads into; empty if it leads into none."""
-        return self._first(_legs(flight, ahead_s)) if self._zones.closed else ""
+    def first(self, flight: Flight) -> str:
+        """Return the name of the first closed zone that a flight soon leads into; empty if there is none."""
+        return self._first(_legs(flight, _AHEAD_S)) if self._zones.closed else ""
+
+    def mode_problem(self, mode: str, ordered: Flight, present: Flight) -> str:
+        """Return which zone or obstacle an ordered mode leads to; empty if to none, or as the present flight.
+
+        Routes keep clear of obstacles.
+        """
+        if mode == LOITER:
+            return self.hold_problem(ordered, present)
+        if mode == RTL:
+            return self._return_problem(ordered, present)
+        zone = self.first(ordered) if mode == AUTO else ""
+        is_worse = bool(zone) and zone != self.first(present)
+        return f"would fly into no-fly zone {zone}" if is_worse else ""
+
+    def hold_problem(self, hold: Flight, present: Flight) -> str:
+        """Return which zone or obstacle a hold leads to; empty if to none, or as the present flight does."""
+        for_s = hold.round_s(_MAX_ROUND_S)
+        problem = self.problem(hold, for_s, self.margin_m)
+        return problem if problem and problem != self.problem(present, for_s) else ""
+
+    def _return_problem(self, back: Flight, present: Flight) -> str:
+        """Return which zone or obstacle RTL leads to; empty if to none, or if the vehicle is in it now.
+
+        The way is straight after a turn. The circle at home is compared with zones only.
+        """
+        legs = _to_distant_place(back, back.way_s(_MAX_RETURN_S))
+        problem = self._met(legs) or self.circle_problem(back.goals[-1])
+        return problem if problem and problem != self.problem(present, _NOW_S) else ""
 
     def problem(self, flight: Flight, ahead_s: float, margin_m: float = 0.0) -> str:
         """Return which zone or obstacle a flight meets, or comes near to, in words; empty if none."""
@@ -66,10 +101,6 @@ class ZonesAhead:
         near = [leg for leg in legs if not line_of_sight(cells, leg[0][:2], leg[1][:2])]
         meets = any(_is_met(area, *leg) for area in self._zones.limited for leg in near)
         return "would come near an obstacle" if meets or not is_clear else ""
-
-    def problem_on_way(self, flight: Flight, ahead_s: float) -> str:
-        """Return which zone or obstacle a flight meets to a distant place, which is straight after a turn."""
-        return self._met(_to_distant_place(flight, ahead_s))
 
     def circle_problem(self, circle: Goal) -> str:
         """Return which no-fly zone a circle without end meets, in words; empty if none."""
