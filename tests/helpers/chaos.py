@@ -382,10 +382,20 @@ class ChaosRun:
             time.sleep(_POLL_S)
 
     def _wait_until_replaced(self, command: Node) -> None:
-        """Wait until a command that another node has replaced starts again."""
-        with contextlib.suppress(AssertionError):
-            self.run.until(command.name, _follows, _START_S)
-            return
+        """Wait until a command that another node has replaced follows it.
+
+        The other one follows if it was too late with its lease, and the command before it got it again.
+        """
+        other = self._command
+        assert other is not None
+        until_s = time.monotonic() + _START_S
+        while time.monotonic() < until_s:
+            if _follows(self._printed(command)):
+                return
+            if _follows(self._printed(other)):
+                self._command, self._standby = command, other
+                return
+            time.sleep(_POLL_S)
         self._problem(f"{command.name} does not follow the node that replaced it")
 
     # ------------------------------------------------------------ orders, end, heartbeats
