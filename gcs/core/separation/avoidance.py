@@ -1,9 +1,10 @@
 """Avoidance: one of two vehicles that come too near to each other holds until they are apart.
 
 The monitor finds the pair (`gcs.core.separation.monitor`). A vehicle may hold while it flies its mission for
-this service: not in a take-off or a landing, and never against a pilot, a failsafe, an order or another
-station. Both choices are simulated, and compared with flying on. The hold that keeps its vehicle farthest
-from all others begins, if it is an improvement; of two that are equal, that of the vehicle with more to fly.
+this service, or has arrived and circles at its target: not in a take-off or a landing, and never against a
+pilot, a failsafe, an order or another station. Both choices are simulated, and compared with flying on. The
+hold that keeps its vehicle farthest from all others begins, if it is an improvement; of two that are equal,
+that of the vehicle with more to fly.
 Over terrain no vehicle holds where that would lead it out of the flight band; shortly before a loss of
 separation the hold may be above the band, or a little below it.
 
@@ -23,6 +24,8 @@ import math
 from collections.abc import Mapping
 from itertools import permutations
 from typing import Final
+
+from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_LOITER_UNLIM
 
 from gcs.config import Config
 from gcs.core.airspace.incursion_warning import Incursion
@@ -215,7 +218,7 @@ class Avoidances:
             if avoidance is None:
                 continue
             state = self._fleet.state(vehicle)
-            is_held = avoidance.is_before_zone or _wanted(agent) is not None
+            is_held = avoidance.is_before_zone or _wanted(agent) is not None or self._stays_at_target(vehicle)
             if (
                 state is None
                 or not (is_held and self._is_controlled(vehicle))
@@ -240,18 +243,39 @@ class Avoidances:
         With `is_late` it may also while a new mission waits for its upload, which then comes in LOITER.
         """
         tasking = self._tasking.state
+        if self._stays_at_target(vehicle):
+            return not tasking.stage(vehicle) and self._is_free(vehicle)
         is_settled = _flies_wanted(self._agents[vehicle]) and not tasking.stage(vehicle)
         waits = is_late and vehicle in tasking.queue
         return (is_settled or waits) and self._is_interruptible(vehicle)
 
     def _is_interruptible(self, vehicle: int) -> bool:
         """Return True if a vehicle flies a mission of this service, and not in a take-off or a landing."""
+        is_in_cruise = self._agents[vehicle].flight.phase in _PHASES
+        has_points = bool(self._tasking.onboard_missions.points_ahead(vehicle))
+        return is_in_cruise and has_points and self._is_free(vehicle)
+
+    def _is_free(self, vehicle: int) -> bool:
+        """Return True if a vehicle in AUTO follows this service alone, and carries out no order."""
         agent = self._agents[vehicle]
         state = self._fleet.state(vehicle)
         is_obeyed = state is not None and state.mode == AUTO and agent.link.liveness == "alive"
         is_free = agent.orders.command is None and agent.orders.waiting is None
-        is_in_cruise = agent.flight.phase in _PHASES and self._tasking.onboard_missions.points_ahead(vehicle)
-        return is_obeyed and is_free and bool(is_in_cruise) and self._is_controlled(vehicle)
+        return is_obeyed and is_free and self._is_controlled(vehicle)
+
+    def _stays_at_target(self, vehicle: int) -> bool:
+        """Return True if a vehicle has arrived, and flies to the circle at its target, or round it.
+
+        Not if it would climb in a circle before it flies on there.
+        """
+        agent = self._agents[vehicle]
+        onboard = agent.tasking.onboard
+        if agent.perception.status.status != "arrived" or onboard is None or _wanted(agent) is not None:
+            return False
+        is_at_circle = agent.flight.phase is FlightPhase.AT_TARGET
+        is_underway = agent.flight.phase is FlightPhase.EN_ROUTE
+        ends_so = onboard.items[-1].command == MAV_CMD_NAV_LOITER_UNLIM
+        return (is_at_circle or is_underway) and ends_so and not self._climbs_first(vehicle, onboard.route)
 
     def _may_stack(self, vehicle: int, t_ns: int) -> bool:
         """Return True if a vehicle waits in LOITER, by order or for a mission, and may be moved."""
@@ -288,13 +312,16 @@ class Avoidances:
         is_clear = not self._order_check.release_problem(vehicle, flights)
         if avoidance.is_before_zone and not is_clear:
             return []
-        has_route = _wanted(self._agents[vehicle]) is not None and not self._needs_new_route(vehicle)
+        stays = self._stays_at_target(vehicle)
+        has_route = stays or (
+            _wanted(self._agents[vehicle]) is not None and not self._needs_new_route(vehicle)
+        )
         may_end = held_ns >= _MIN_HOLD_NS and is_clear and has_route
         if may_end and self._landing_order.claim(vehicle, t_ns):
             avoidance.is_ending = True
             return self._command(vehicle, avoidance, AUTO, t_ns)
         routes = self._agents[vehicle].routes
-        if held_ns < _MAX_HOLD_NS and not (is_clear and held_ns >= _MIN_HOLD_NS):
+        if stays or (held_ns < _MAX_HOLD_NS and not (is_clear and held_ns >= _MIN_HOLD_NS)):
             return []
         if routes.stacked is not None or self._tasking.state.has_pending(vehicle):
             return []
@@ -303,10 +330,12 @@ class Avoidances:
 
     def _needs_new_route(self, vehicle: int) -> bool:
         """Return True if a vehicle over terrain would climb in a circle to the next point of its route."""
-        profile = self._fleet.profile(vehicle)
         route = self._agents[vehicle].routes.flown
-        has_heights = route is not None and route.heights_msl_m is not None
-        return has_heights and profile is not None and profile.climbs_first
+        return route is not None and self._climbs_first(vehicle, route)
+
+    def _climbs_first(self, vehicle: int, route: Route) -> bool:
+        profile = self._fleet.profile(vehicle)
+        return route.heights_msl_m is not None and profile is not None and profile.climbs_first
 
     def _command(self, vehicle: int, avoidance: Avoidance, mode: str, t_ns: int) -> list[Effect]:
         self._tasking.overrides.of(vehicle).note_command(mode)
