@@ -50,6 +50,21 @@ def least_m(sky, for_s):
     return least
 
 
+def test_one_that_has_arrived_holds_for_another_and_flies_on_to_its_circle():
+    """Without a route of a plan neither was ours to hold, and two that had arrived came together."""
+    sky = crossing()
+    agents = sky.run_.engine.state.agents
+    for agent in agents.values():
+        status = agent.perception.status
+        agent.perception.status = replace(status, status="arrived", target=agent.routes.flown.target)
+        agent.routes.flown = None
+    assert least_m(sky, 80.0) > 100.0
+    ((_, notice),) = sky.told(NoticeCode.AVOIDS)
+    assert all(agent.routes.flown is None for agent in agents.values())
+    assert [sky.planes[v].autopilot.mode for v in (1, 2)] == [Mode.AUTO, Mode.AUTO]
+    assert agents[notice.vehicle].separation.avoidance is None
+
+
 def test_of_two_the_one_holds_whose_circle_keeps_above_the_ground():
     """A hold over a slope went below the least height, while the other vehicle had level ground below."""
     level = crossing()
