@@ -21,6 +21,7 @@ CACHES: frozenset[str] = frozenset(
         "gcs.tracking.glmb.filter.Glmb._sensor_model",
         "gcs.tracking.glmb.filter.Glmb.detection_summary",
         "gcs.core.airspace.no_fly_zones.NoFlyZones.closed",  # cells of the closed zones, drawn from the state
+        "gcs.core.airspace.no_fly_zones.NoFlyZones.closed_cells",
         "gcs.core.airspace.no_fly_zones.NoFlyZones.obstacles",
         "gcs.core.airspace.no_fly_zones.NoFlyZones.limited",
         "gcs.core.airspace.no_fly_zones.NoFlyZones.limited_cells",
