@@ -55,7 +55,12 @@ _WITH_TERRAIN: Final = {"TERRAIN_SPACING": 30.0}
 """Default: 100 m, by which steep ground is off by tens of metres."""
 
 
-_PX4_WITH_TERRAIN: Final = {"FW_T_HRATE_FF": 1.0, "SIH_T_MAX": 9.0}
+_PX4_THRUST: Final = {"SIH_F_T_MAX": 6.0}
+"""Thrust of SIH's aeroplane in N. Its airframe sets SIH_T_MAX, which PX4 reads for multicopters alone since
+2026; the aeroplane has 2 N by default then, and does not climb."""
+
+
+_PX4_WITH_TERRAIN: Final = {"FW_T_HRATE_FF": 1.0, "SIH_T_MAX": 9.0, "SIH_F_T_MAX": 9.0}
 """Climbs without delay, and thrust for them: with its 6 N SIH's aeroplane climbs 3 m/s, below its cruising
 speed."""
 
@@ -147,6 +152,7 @@ def px4_command(
         "MAV_SYS_ID": float(spec.system_id),
         "MIS_TAKEOFF_ALT": spec.alt_rel_m,
         "FW_AIRSPD_TRIM": spec.forward_speed_m_s,
+        **_PX4_THRUST,
         **({} if spec.climb_m_s is None else {"FW_T_CLMB_R_SP": spec.climb_m_s} | _PX4_WITH_TERRAIN),
         **({} if spec.sink_m_s is None else {"FW_T_SINK_R_SP": spec.sink_m_s}),
         "RTL_RETURN_ALT": spec.alt_rel_m,
