@@ -48,8 +48,8 @@ _UNREADABLE_S: Final = 1.5
 
 _PICTURE_SCANS: Final = 5
 """Until the picture is right after the end of a fault."""
-_AHEAD_S: Final = 0.05
-"""Of a clock of sensors before that of a node."""
+_AHEAD_S: Final = 0.1
+"""Of a clock of sensors before that of a node: half of the time that a busy machine takes to answer."""
 _OFF_M: Final = 20.0
 """Of a track from its object."""
 
@@ -239,23 +239,36 @@ def _place(item: dialect.MAVLink_mission_item_int_message) -> tuple[object, ...]
 def _repeated_orders(kept: list[_Kept]) -> Iterator[str]:
     """Each order has one result for each vehicle, whichever node gave it.
 
-    A node that has lost the lease sends nothing; it may still see what it had ordered.
+    A node that has lost the lease sends nothing; it may still see what it had ordered. So may the node that
+    replaces it, before it has sent anything.
     """
     results = Counter[tuple[str, int]]()
     for one in kept:
         has_lease = True
+        commanded = set[int]()
         for record in one.records:
             answer = record.value
-            if isinstance(answer, Notice) and answer.code in (
+            if isinstance(answer, Send):
+                commanded |= _set_modes(answer.data)
+            elif isinstance(answer, Notice) and answer.code in (
                 NoticeCode.LEASE_MISSING,
                 NoticeCode.LEASE_AGAIN,
             ):
                 has_lease = answer.code is NoticeCode.LEASE_AGAIN
             elif isinstance(answer, OrderAnswer) and answer.vehicle is not None and answer.state == "done":
-                results[answer.order_id, answer.vehicle] += has_lease
+                results[answer.order_id, answer.vehicle] += has_lease and answer.vehicle in commanded
     for (order, vehicle), count in results.items():
         if count > 1:
             yield f"order {order} was carried out {count} times by vehicle {vehicle}"
+
+
+def _set_modes(datagram: bytes) -> set[int]:
+    """Return the vehicles that a datagram sets to a mode."""
+    return {
+        message.target_system
+        for message in decode(datagram)[0]
+        if message.get_type() == "COMMAND_LONG" and message.command == dialect.MAV_CMD_DO_SET_MODE
+    }
 
 
 def _wrong_pictures(flight: Flight) -> Iterator[str]:
