@@ -18,6 +18,8 @@ _SAME_M = 50.0
 """Distance between chains of two sensors that an alarm tells as one."""
 _SENSOR_TIMEOUT_NS = 60 * NS_PER_S
 """The chains of a sensor without a scan for so long no longer count."""
+_MAX_SENSORS = 100
+"""Number of sensors with chains; the one whose last scan is oldest goes first."""
 _REPEAT_NS = 10 * NS_PER_S
 _MAX_NAMED = 3
 
@@ -39,7 +41,9 @@ class UntrackedDetections:
         chains = self._state.chains
         for name in [name for name, one in chains.items() if t_ns - one.t_ns > _SENSOR_TIMEOUT_NS]:
             del chains[name]
-        own = chains.setdefault(sensor.name, PersistentDetections())
+        own = chains.setdefault(sensor.name, PersistentDetections(t_ns))
+        if len(chains) > _MAX_SENSORS:
+            del chains[min(chains, key=lambda name: chains[name].t_ns)]
         new_m, is_persistent = own.process_scan(t_ns, z_m, sensor, explained)
         others_m = np.concatenate([np.empty((0, 2)), *(o.places_m for o in chains.values() if o is not own)])
         for east_m, north_m in new_m.tolist():

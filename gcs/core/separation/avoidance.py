@@ -6,8 +6,8 @@ pilot, a failsafe, an order or another station. Both choices are simulated, and 
 hold that keeps its vehicle farthest from all others begins, if it is an improvement; of two that are equal,
 that of the vehicle with more to fly.
 Over terrain no vehicle holds where that would lead it out of the flight band. Shortly before a loss of
-separation, or if nothing else keeps clear of another vehicle, the hold may be above the band, or a little
-below it.
+separation, or if it keeps clear of a vehicle that would come very near, the hold may be above the band, or a
+little below it.
 
 Two that wait near each other in LOITER, and whose circles overlap, are kept apart by height: one gets a
 mission with a circle in a free altitude layer (`gcs.core.replanning.stacked_missions`).

@@ -189,6 +189,16 @@ def test_a_target_that_a_hostile_sensor_drags_away_has_a_track_at_its_place_agai
     assert all(is_back[35:])
 
 
+def test_a_flood_of_sensor_names_is_bounded():
+    sky = Sky(mission(agents=[START], births=[GOAL], tables=UNFORESEEN))
+    for tenth in range(150):
+        one = replace(RADAR, name=f"rogue-{tenth}")
+        sky.trackers.scan(replace(scan(0.1 * tenth, GOAL), sensor=one), [])
+    state = sky.trackers.state
+    assert len(state.untracked.chains) <= 100
+    assert "rogue-149" in state.untracked.chains
+
+
 def test_a_vehicle_that_reports_where_nothing_is_known_comes_back_into_the_picture():
     sky, lost = Sky(mission(agents=[START], births=[GOAL])), (900.0, 900.0)
     for t_s in range(6):
