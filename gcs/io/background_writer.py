@@ -55,7 +55,7 @@ class BackgroundWriter:
         reports_error: bool = True,
     ) -> None:
         self.name = name
-        self.error: Exception | None = None
+        self.error: BaseException | None = None
         """Error that ended the output."""
         self.dropped = 0
         """Jobs that were dropped."""
@@ -128,10 +128,10 @@ class BackgroundWriter:
             with self._changed:
                 self._changed.wait_for(lambda: self._jobs)
                 self._began_s = monotonic()
-            error: Exception | None = None
+            error: BaseException | None = None
             try:
                 self._jobs[0]()  # not kept: what it refers to may be large
-            except Exception as raised:  # The flight continues; the operator gets a notice.
+            except BaseException as raised:  # A library may panic. The flight continues, with a notice.
                 error = raised
             with self._changed:
                 self._jobs.popleft()

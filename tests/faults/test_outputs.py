@@ -348,6 +348,23 @@ def last_tick(run: Path) -> int:
 # ---------------------------------------------------------------- one writer
 
 
+class Panic(BaseException):
+    """As a library of Rust raises it."""
+
+
+def test_a_panic_in_a_job_is_told_and_ends_that_output_only() -> None:
+    """The thread ended: nothing more was written, and the notice said that a viewer was slow."""
+
+    def job() -> None:
+        raise Panic("no shared memory")
+
+    writer = BackgroundWriter("x", 2)
+    writer.put(job)
+    assert writer.drain(5.0)
+    assert writer.notice() == (NoticeCode.OUTPUT_ENDED, {"cause": "no shared memory"})
+    assert writer.put(lambda: None) is False
+
+
 def test_a_full_writer_refuses_and_an_error_ends_it() -> None:
     released, done = threading.Event(), []
     writer = BackgroundWriter("x", 2)

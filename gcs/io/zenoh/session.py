@@ -334,6 +334,8 @@ def _config(listen: str | None, connect: str | None) -> dict[str, object]:
         "connect/timeout_ms": -1,
         "connect/exit_on_failure": False,
         "connect/retry": _RETRY,
+        # Without space in /dev/shm zenoh panics in `put`; a killed process leaves 16 MB there.
+        "transport/shared_memory/enabled": False,
     }
 
 

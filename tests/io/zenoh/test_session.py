@@ -51,6 +51,27 @@ def test_a_service_that_connects_hears_the_sensor_there_and_is_reached_by_a_door
             assert publish_until_heard(operator, "swarm/m/order", orders)
 
 
+WITHOUT_FILES = """
+import resource, signal, time
+from gcs.io.zenoh.session import ZenohSession, free_endpoint
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
+endpoint, sizes = free_endpoint(), []
+with ZenohSession(listen=endpoint) as one, ZenohSession(connect=endpoint) as other:
+    other.subscribe("a", lambda _, payload: sizes.append(len(payload)))
+    while not one.is_subscribed("a"):
+        time.sleep(0.02)
+    one.publish("a", bytes(500_000))
+    while not sizes:
+        time.sleep(0.02)
+"""
+
+
+def test_large_messages_pass_when_no_shared_memory_is_left() -> None:
+    """Sessions could not be opened, or a thread ended in a panic of zenoh: the standby heard nothing more."""
+    subprocess.run([sys.executable, "-c", WITHOUT_FILES], check=True, timeout=TIMEOUT_S)
+
+
 def test_a_message_arrives_with_its_key_both_ways() -> None:
     endpoint = free_endpoint()
     with ZenohSession(listen=endpoint) as service, ZenohSession(connect=endpoint) as sensor:
