@@ -153,8 +153,6 @@ def px4_command(
         "MIS_TAKEOFF_ALT": spec.alt_rel_m,
         "FW_AIRSPD_TRIM": spec.forward_speed_m_s,
         **_PX4_THRUST,
-        "SIH_WIND_N": 0.0 - spec.wind_north_m_s,  # from there
-        "SIH_WIND_E": 0.0 - spec.wind_east_m_s,
         **({} if spec.climb_m_s is None else {"FW_T_CLMB_R_SP": spec.climb_m_s} | _PX4_WITH_TERRAIN),
         **({} if spec.sink_m_s is None else {"FW_T_SINK_R_SP": spec.sink_m_s}),
         "RTL_RETURN_ALT": spec.alt_rel_m,

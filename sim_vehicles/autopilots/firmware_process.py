@@ -185,7 +185,7 @@ class FirmwareHost:
             The firmware ended, or the vehicle was not in LOITER above its start in time.
         """
         if self.spec.autopilot == "px4" and (self.spec.wind_east_m_s or self.spec.wind_north_m_s):
-            print_message(f"vehicle {self.spec.system_id}: SIH has wind in PX4 of 2026 and later only")
+            print_message(f"vehicle {self.spec.system_id} flies in still air: PX4's SIH has no wind")
         deadline = time.monotonic() + _LAUNCH_WITHIN_S
         told = self.launch.stage
         tell_s = time.monotonic()
