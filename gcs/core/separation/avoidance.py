@@ -5,9 +5,8 @@ this service, or has arrived and circles at its target: not in a take-off or a l
 pilot, a failsafe, an order or another station. Both choices are simulated, and compared with flying on. The
 hold that keeps its vehicle farthest from all others begins, if it is an improvement; of two that are equal,
 that of the vehicle with more to fly.
-Over terrain no vehicle holds where that would lead it out of the flight band. Shortly before a loss of
-separation, or if it keeps clear of a vehicle that would come very near, the hold may be above the band, or a
-little below it.
+Over terrain no vehicle holds where that would lead it out of the flight band; shortly before a loss of
+separation the hold may be above the band, or a little below it.
 
 Two that wait near each other in LOITER, and whose circles overlap, are kept apart by height: one gets a
 mission with a circle in a free altitude layer (`gcs.core.replanning.stacked_missions`).
@@ -59,8 +58,6 @@ _LEVEL_M: Final = 3.0
 """Difference in height below which neither of two vehicles is the higher one."""
 _LATEST_S: Final = 6.0
 """Time before a loss of separation from which a hold may leave the flight band."""
-_CLEAR_GAIN: Final = 1.0
-"""Gain of a hold that keeps clear of all others, of one that would come very near: it may leave it, too."""
 _LATEST_BEFORE_ZONE_S: Final = 8.0
 """Time before a no-fly zone at which a vehicle holds although a new mission is queued."""
 _SOON_S: Final = 4.0
@@ -152,11 +149,7 @@ class Avoidances:
         may_hold = [vehicle for vehicle in pair if self._may_hold(vehicle, is_late=is_late)]
         gains = {vehicle: self._order_check.hold_gain(vehicle, flights) for vehicle in may_hold}
         gains = {v: round(gain, 1) for v, gain in gains.items() if gain >= _MIN_GAIN}
-        inside = [
-            v
-            for v, gain in gains.items()
-            if self._order_check.circles_in_band(v, flights, is_late=is_late or gain >= _CLEAR_GAIN)
-        ]
+        inside = [v for v in gains if self._order_check.circles_in_band(v, flights, is_late=is_late)]
         if not inside:
             return []
         vehicle = max(inside, key=lambda v: (gains[v], self._left_m(v), v))
