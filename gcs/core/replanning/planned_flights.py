@@ -41,7 +41,9 @@ class AltitudeLayers:
         self._agents = agents
         self._state = state
         airframes = config.airframes_of_agents.items()
-        self._radii_m = {vehicle: one.circle_radius_m for vehicle, one in airframes}
+        self._radii_m = {vehicle: one.loiter_radius_m for vehicle, one in airframes}
+        self._flown_radii_m = {vehicle: one.circle_radius_m for vehicle, one in airframes}
+        """Of circles as they are flown, in thin air and wind."""
         self._base_m = config.mission.altitude_rel_m
         self._step_m = config.mission.layer_step_m
         self._base_msl_m = config.frame.alt_msl_m
@@ -108,7 +110,7 @@ class AltitudeLayers:
         """Return the flight round the circle at the end of a route."""
         end_m = route.flown_m[[-1, -1]]
         heights_m = None if route.heights_msl_m is None else route.heights_msl_m[[-1, -1]]
-        return self._planned(route, end_m, route.layer, heights_m, self._radii_m[route.vehicle])
+        return self._planned(route, end_m, route.layer, heights_m, self._flown_radii_m[route.vehicle])
 
     def is_clear(self, route: Route, routes: Sequence[Route], places: Mapping[int, Point]) -> bool:
         """Return True if a route is separated, in its layer, from others flown from these positions."""
