@@ -41,9 +41,11 @@ class UntrackedDetections:
         chains = self._state.chains
         for name in [name for name, one in chains.items() if t_ns - one.t_ns > _SENSOR_TIMEOUT_NS]:
             del chains[name]
-        own = chains.setdefault(sensor.name, PersistentDetections(t_ns))
-        if len(chains) > _MAX_SENSORS:
-            del chains[min(chains, key=lambda name: chains[name].t_ns)]
+        if sensor.name not in chains:
+            if len(chains) == _MAX_SENSORS:
+                del chains[min(chains, key=lambda name: chains[name].t_ns)]
+            chains[sensor.name] = PersistentDetections()
+        own = chains[sensor.name]
         new_m, is_persistent = own.process_scan(t_ns, z_m, sensor, explained)
         others_m = np.concatenate([np.empty((0, 2)), *(o.places_m for o in chains.values() if o is not own)])
         for east_m, north_m in new_m.tolist():

@@ -58,6 +58,10 @@ _LEVEL_S: Final = 2.0
 """Time in which a vehicle with another height to keep stops its climb."""
 
 
+MAX_ROUND_S: Final = 120.0
+"""Longest time to a circle and once round it that is predicted."""
+
+
 class GoalKind(IntEnum):
     """How a vehicle flies to a goal."""
 
@@ -139,14 +143,15 @@ class Flight:
         around = max(airspeed - wind_m_s * wind_m_s / airspeed, _LOW_SPEED_M_S)
         return leg_time_s(leg_m, airspeed, self.wind_m_s) + circle_m / around
 
-    def round_s(self, most_s: float) -> float:
-        """Return the time to the circle at the end of the flight, straight, and once round it."""
+    @property
+    def round_s(self) -> float:
+        """Time to the circle at the end of the flight, straight, and once round it; at most `MAX_ROUND_S`."""
         last = self.goals[-1]
         leg_m = (last.east_m - self.east_m, last.north_m - self.north_m)
-        return min(self.time_s(leg_m, 2.0 * math.pi * abs(last.radius_m)), most_s)
+        return min(self.time_s(leg_m, 2.0 * math.pi * abs(last.radius_m)), MAX_ROUND_S)
 
     def way_s(self, most_s: float) -> float:
-        """Return the time of the legs over all goals, to the circle at the last one."""
+        """Return the time of the legs over all goals, to the circle at the last one; at most `most_s`."""
         places_m = [(self.east_m, self.north_m), *((goal.east_m, goal.north_m) for goal in self.goals)]
         legs_m = [(end[0] - begin[0], end[1] - begin[1]) for begin, end in pairwise(places_m)]
         return min(sum(self.time_s(leg_m, 0.0) for leg_m in legs_m), most_s)

@@ -17,7 +17,14 @@ from typing import Final
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.separation.aircraft import AirTraffic
-from gcs.core.separation.forward_flight import Flight, FlightPaths, Goal, GoalKind, simulate_flights
+from gcs.core.separation.forward_flight import (
+    MAX_ROUND_S,
+    Flight,
+    FlightPaths,
+    Goal,
+    GoalKind,
+    simulate_flights,
+)
 from gcs.core.separation.ground_ahead import GroundAhead
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import encounters
@@ -30,7 +37,6 @@ from gcs.model import FloatArray, Route, VehicleState, vehicle_name
 from gcs.planning.route_progress import points_within
 
 _AHEAD_S: Final = 25.0
-_MAX_AHEAD_S: Final = 120.0
 _STEPS: Final = 50
 _MAX_STEP_S: Final = 1.0
 """Vehicles that meet head on come nearer by twice their speed in a second."""
@@ -154,7 +160,7 @@ class OrderCheck:
         if vehicle not in flights.states or not self._zones.first(flights.of(vehicle)):
             return False
         hold = flights.of(vehicle, LOITER)
-        for_s = hold.round_s(_MAX_AHEAD_S)
+        for_s = hold.round_s
         is_clear = self._zones.is_on_map(hold, for_s) and not self._zones.problem(
             hold, for_s, self._zones.margin_m
         )
@@ -175,11 +181,11 @@ class OrderCheck:
         return max(below_m, above_m) <= _OFF_BAND_M
 
     def _departures_m(self, hold: Flight) -> tuple[float, float]:
-        return self._ground.departures_m(hold, hold.round_s(_MAX_AHEAD_S))
+        return self._ground.departures_m(hold, hold.round_s)
 
     def _ground_problem(self, flight: Flight) -> str:
         """Return where a flight to its last goal, and round it, comes near the ground; empty if nowhere."""
-        found = self._ground.first(flight, flight.round_s(_MAX_AHEAD_S))
+        found = self._ground.first(flight, flight.round_s)
         if found is None:
             return ""
         return f"would come within {found.agl_m:.0f} m of the ground in {found.after_s:.0f} s"
@@ -404,7 +410,7 @@ class OrderCheck:
         """Yield the vehicles that a flight comes near to, from some time on."""
         for_s = _AHEAD_S
         if is_return:  # up to its place, and once round
-            for_s = min(for_s + own.round_s(_MAX_AHEAD_S), _MAX_AHEAD_S)
+            for_s = min(for_s + own.round_s, MAX_ROUND_S)
         step_s = min(max(for_s / _STEPS, 0.5), _MAX_STEP_S)
         reach_m = own.reach_m(for_s) + margin * self._min_m + _GROWTH_M
         place_m = (own.east_m, own.north_m)

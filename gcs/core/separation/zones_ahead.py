@@ -17,9 +17,8 @@ _OFF_M: Final = 10.0
 """Distance by which predicted circles are off."""
 _AHEAD_S: Final = 40.0
 """Time without an incursion for which one that held may fly on: more than that at which it holds."""
-_MAX_ROUND_S: Final = 120.0
 _MAX_RETURN_S: Final = 900.0
-"""Time of a way home that is checked for zones and obstacles."""
+"""Time of a return that is checked for zones and obstacles."""
 _NOW_S: Final = 2.0
 """Time of the present flight in which a vehicle counts as inside an area."""
 _TURNS_S: Final = 30
@@ -68,7 +67,7 @@ class ZonesAhead:
 
     def hold_problem(self, hold: Flight, present: Flight) -> str:
         """Return which zone or obstacle a hold leads to; empty if to none, or as the present flight does."""
-        for_s = hold.round_s(_MAX_ROUND_S)
+        for_s = hold.round_s
         problem = self.problem(hold, for_s, self.margin_m)
         return problem if problem and problem != self.problem(present, for_s) else ""
 
