@@ -117,6 +117,28 @@ def assign_layers(
     return {flight.vehicle: layer for flight, layer in zip(order, found, strict=True)}, tuple(conflicts)
 
 
+def meeting_places_m(
+    flight: PlannedFlight, other: PlannedFlight, min_distance_m: float, min_height_m: float, around_s: float
+) -> FloatArray:
+    """Return where the other vehicle is when two flights first come too near, and some time around.
+
+    Returns
+    -------
+    ndarray, shape (k, 3)
+        East, north and height, one row a second; none if they are separated.
+    """
+    own, theirs = _positions([flight, other])
+    gaps_m = np.hypot(*(own - theirs)[:, :2].T) - own[:, 3] - theirs[:, 3]
+    meets = (gaps_m < min_distance_m) & ~(np.abs(own[:, 2] - theirs[:, 2]) >= min_height_m)
+    if not meets.any():
+        return np.empty((0, 3))
+    begin = int(np.argmax(meets))
+    apart = np.flatnonzero(~meets[begin:])
+    end = begin + int(apart[0]) if apart.size else len(meets)
+    around = round(around_s / _STEP_S)
+    return theirs[max(begin - around, 0) : end + around, :3]
+
+
 def min_separation_m(flights: Sequence[PlannedFlight], min_height_m: float = 0.0) -> dict[int, float]:
     """Return the least distance of each vehicle to others at its height; inf for a vehicle without others."""
     if not flights:

@@ -22,6 +22,8 @@ _MORE_TIME: Final = 1.25
 """Simulated time, as a multiple of that along the straight legs."""
 _TURNS_S: Final = 20.0
 """Simulated time beyond that."""
+_SLOWEST_SHARE: Final = 0.3
+"""Least speed over ground in wind for the simulated time, as a share of the airspeed."""
 NOWHERE: Final = free_grid((2, 2), 1.0)
 """Map without obstacles."""
 
@@ -55,6 +57,7 @@ def simulate_mission(
     ahead: RemainingMission,
     turn_lag_s: float,
     turn_radius_m: float,
+    wind_m_s: Point = (0.0, 0.0),
 ) -> MissionFlight:
     """Simulate a flight along a mission.
 
@@ -67,7 +70,9 @@ def simulate_mission(
     ahead : RemainingMission
         Waypoints, their acceptance radii, and the circle behind the last one.
     turn_lag_s, turn_radius_m : float
-        Delay until a commanded turn rate is reached, and least turn radius.
+        Delay until a commanded turn rate is reached, and least turn radius in still air.
+    wind_m_s : tuple of float
+        Velocity of the air, east and north; the speed of the motion is the airspeed then.
     """
     speed_m_s = max(motion.speed_m_s, 1.0)
     climb_m = np.empty((0, 2))
@@ -86,13 +91,15 @@ def simulate_mission(
     if ahead.circle is not None:
         legs_m += math.dist((begin, *ahead.points_m)[-1], ahead.circle.centre_m)
     round_m = 0.0 if ahead.circle is None else _CIRCLE_LAPS * 2.0 * math.pi * ahead.circle.radius_m
+    slowest_m_s = max(speed_m_s - math.hypot(*wind_m_s), _SLOWEST_SHARE * speed_m_s)
     states = simulate(
         NOWHERE,
         Motion(*begin, speed_m_s, course_rad, rate_rad_s, 0.0, ahead),
-        (_MORE_TIME * legs_m + round_m) / speed_m_s + _TURNS_S,
+        (_MORE_TIME * legs_m + round_m) / slowest_m_s + _TURNS_S,
         turn_lag_s,
         min_radius_m=turn_radius_m,
         l1_s=L1_S,
+        wind_m_s=wind_m_s,
     ).states
     return MissionFlight(
         np.concatenate((climb_m, states[:, :2])),

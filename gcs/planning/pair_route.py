@@ -7,7 +7,7 @@ gently, may cost less (`gcs.planning.routes_in_wind`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +27,7 @@ from gcs.planning.routes_in_wind import (
     needed_clearance_m,
     widened,
 )
+from gcs.planning.terrain.detour import AvoidedFlight
 from gcs.planning.terrain.terrain_search import TerrainSearch
 
 _OF_WIDER = (NoticeCode.ROUTE_NEAR_OBSTACLES, NoticeCode.SHARP_CORNERS)
@@ -77,10 +78,15 @@ def shape_route(
 
 
 def shape_over_terrain(
-    search: TerrainSearch, pair: tuple[int, int], vehicle: int, label: Label, layer: int
+    search: TerrainSearch,
+    pair: tuple[int, int],
+    vehicle: int,
+    label: Label,
+    layer: int,
+    avoided: Sequence[AvoidedFlight] = (),
 ) -> ShapedRoute:
     """Return the route of an agent to a target inside the flight band, with its loiter circle."""
-    found = search.route(*pair, layer)
+    found = search.route(*pair, layer, avoided)
     if found is None:
         note = of_route(NoticeCode.NO_ROUTE_IN_BAND, vehicle, label)
         return ShapedRoute(vehicle, label, None, math.inf, [note])

@@ -14,7 +14,7 @@ def fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray,
     goal = np.zeros_like(last)
     columns = state.T.copy()
     east, north, height, speed, course, climb, turn_rate, max_rate, age, gradient, error_m = columns[:11]
-    wind_east, wind_north, airspeed = columns[11:]
+    wind_east, wind_north, airspeed, delay = columns[11:]
     is_windy = bool(wind_east.any() or wind_north.any())
     ahead = np.maximum(speed - wind_east * np.sin(course) - wind_north * np.cos(course), f._LOW_SPEED_M_S)
     lateral = turn_rate * speed / ahead  # by airspeed
@@ -52,7 +52,8 @@ def fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray,
         bearing += is_circle * (np.pi + side * (0.5 * np.pi + inwards + lead))
         error = (bearing - course + np.pi) % (2.0 * np.pi) - np.pi
         turned = np.minimum(np.maximum(error, -max_rate * dt), max_rate * dt)
-        turned = np.where(keeps, turn_rate * dt, turned * ~is_climb)
+        is_late = (k - 0.5) * step_s < delay
+        turned = np.where(keeps | is_late, turn_rate * dt, turned * ~is_climb)
         course += 0.5 * turned
         if is_windy:
             speed, ahead = _over_ground(course, airspeed, wind_east, wind_north)
@@ -74,8 +75,9 @@ def fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray,
         at_once_high = np.minimum(np.maximum(up_high, -change), change)
         evenly = np.minimum(np.maximum(up * share, -most), most)
         evenly_high = np.minimum(np.maximum(up_high * share, -most), most)
-        drift = climb * dt * ((k * step_s <= f._LEVEL_S) | (kind == f._DRIFT))
-        by_goal = is_leg | is_circle
+        drift = climb * dt * ((k * step_s <= f._LEVEL_S) | (kind == f._DRIFT) | is_late)
+        rises = is_climb & ~is_late
+        by_goal = (is_leg | is_circle) & ~is_late
         low_by = np.minimum(at_once, evenly)
         high_by = np.maximum(at_once_high, evenly_high)
         gain = by_goal * dt / (dt + f._CLIMB_LAG_S)
@@ -83,11 +85,11 @@ def fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray,
         high_rate = high_rate + gain * (high_by / dt - high_rate)
         low_by = np.where(low_by > 0.0, np.minimum(low_by, low_rate * dt), low_by)
         high_by = np.where(high_by < 0.0, np.maximum(high_by, high_rate * dt), high_by)
-        low += np.where(by_goal, low_by, np.minimum(drift, 0.0) * ~is_climb)
-        high += np.where(by_goal, high_by, np.maximum(drift, 0.0) * ~is_climb)
-        low += is_climb * (1.0 - f._CLIMB_SPREAD) * rising * dt
-        high += is_climb * (1.0 + f._CLIMB_SPREAD) * rising * dt
-        high = np.where(is_climb, np.minimum(high, np.maximum(to_height, height)), high)
+        low += np.where(by_goal, low_by, np.minimum(drift, 0.0) * ~rises)
+        high += np.where(by_goal, high_by, np.maximum(drift, 0.0) * ~rises)
+        low += rises * (1.0 - f._CLIMB_SPREAD) * rising * dt
+        high += rises * (1.0 + f._CLIMB_SPREAD) * rising * dt
+        high = np.where(rises, np.minimum(high, np.maximum(to_height, height)), high)
         is_done = is_climb & (0.5 * (low + high) >= to_height)
         is_behind = np.abs(error) > f._BEHIND_RAD
         is_passed = is_behind & was_ahead & (away < 2.0 * speed / max_rate)

@@ -323,7 +323,9 @@ class Avoidances:
         routes = self._agents[vehicle].routes
         if stays or (held_ns < _MAX_HOLD_NS and not (is_clear and held_ns >= _MIN_HOLD_NS)):
             return []
-        if routes.stacked is not None or self._tasking.state.has_pending(vehicle):
+        if self._tasking.state.has_pending(vehicle):  # it waits as long as its vehicle holds
+            return self._end(vehicle, "it gets a new mission", t_ns)
+        if routes.stacked is not None:
             return []
         routes.drop_flown()
         return self._end(vehicle, "it waits for a new mission", t_ns)

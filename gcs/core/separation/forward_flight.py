@@ -121,6 +121,8 @@ class Flight:
     """Half the width of the band of heights at the begin."""
     wind_m_s: tuple[float, float] = (0.0, 0.0)
     """Velocity of the air, east and north."""
+    delay_s: float = 0.0
+    """Time from now until it flies to its goals; until then it keeps its turn rate."""
 
     @property
     def airspeed_m_s(self) -> float:
@@ -260,11 +262,12 @@ def simulate_flights(flights: Sequence[Flight], for_s: float, step_s: float = ST
                 flight.height_error_m,
                 *flight.wind_m_s,
                 flight.airspeed_m_s,
+                flight.delay_s,
             )
             for flight in flights
         ],
         dtype=np.float64,
-    ).reshape(n, 14)
+    ).reshape(n, 15)
     paths = np.empty((4, steps, n))
     _fly(table, last, state, paths, step_s)
     return FlightPaths(tuple(flight.vehicle for flight in flights), *paths)
@@ -287,7 +290,7 @@ _over_ground_in_kernel = spliced(_over_ground)
 def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray, step_s: float) -> None:
     """Fill `paths` (4, k, n) with east, north, lower and upper height.
 
-    `table` (n, m, 6): goals with the fields of `Goal`. `last` (n,): number of the last goal. `state` (n, 14).
+    `table` (n, m, 6): goals with the fields of `Goal`. `last` (n,): number of the last goal. `state` (n, 15).
     """
     for i in range(len(last)):
         east = state[i, 0]
@@ -302,6 +305,7 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
         wind_east = state[i, 11]
         wind_north = state[i, 12]
         airspeed = state[i, 13]
+        delay = state[i, 14]
         is_windy = wind_east != 0.0 or wind_north != 0.0
         ahead = max(speed - wind_east * math.sin(course) - wind_north * math.cos(course), _LOW_SPEED_M_S)
         lateral = turn_rate * speed / ahead  # by airspeed
@@ -322,6 +326,7 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
         was_ahead = False
         for k in range(1, paths.shape[1]):
             kind = table[i, goal, 0]
+            is_late = (k - 0.5) * step_s < delay
             radius = table[i, goal, 3]
             to_height = table[i, goal, 4]
             is_leg = kind in (_WAYPOINT, _LAND)
@@ -340,9 +345,9 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
                 bearing += math.pi + side * (0.5 * math.pi + inwards + lead)
             error = (bearing - course + math.pi) % (2.0 * math.pi) - math.pi
             turned = 0.0
-            if is_leg or is_circle:
+            if (is_leg or is_circle) and not is_late:
                 turned = min(max(error, -max_rate * dt), max_rate * dt)
-            elif not is_climb:
+            elif is_late or not is_climb:
                 turned = turn_rate * dt
             course += 0.5 * turned
             if is_windy:
@@ -353,7 +358,10 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
             north += moved * math.cos(course)
             course += 0.5 * turned
             on_circle = is_circle and away <= _ON_CIRCLE * circle
-            if is_leg or is_circle:  # heights change at once, or evenly up to the goal
+            if is_late:
+                low += min(climb * dt, 0.0)
+                high += max(climb * dt, 0.0)
+            elif is_leg or is_circle:  # heights change at once, or evenly up to the goal
                 left = math.hypot(table[i, goal, 1] - east, table[i, goal, 2] - north)
                 share = max(1.0 - left / max(closest, 1e-3), 0.0)
                 if on_circle:
@@ -398,4 +406,4 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
 
 def warm_up_calls() -> list[Call]:
     """Return one call of the kernel with the types of a prediction."""
-    return [(_fly, np.zeros((1, 1, 6)), np.zeros(1, np.int64), np.ones((1, 14)), np.zeros((4, 2, 1)), 1.0)]
+    return [(_fly, np.zeros((1, 1, 6)), np.zeros(1, np.int64), np.ones((1, 15)), np.zeros((4, 2, 1)), 1.0)]

@@ -56,15 +56,16 @@ class GroundAhead:
         east_m, north_m = places_m[at].tolist()
         return GroundEncounter(at * STEP_S, float(agl_m[at]), east_m, north_m)
 
-    def below_band_m(self, flight: Flight, ahead_s: float, lag_s: float = 0.0) -> float:
-        """Return how far a flight goes below the flight band; negative inside, infinitely without a band.
+    def off_band_m(self, flight: Flight, ahead_s: float, lag_s: float = 0.0) -> tuple[float, float]:
+        """Return how far a flight goes below and above the flight band; negative inside.
 
-        With a lag the vehicle climbs as it should later by that.
+        Infinitely far inside without a band. With a lag the vehicle climbs as it should later by that.
         """
         if self._elevation is None or self._terrain is None:
-            return -math.inf
+            return -math.inf, -math.inf
         _, agl_m = _flown(flight, ahead_s, self._elevation, lag_s)
-        return self._terrain.min_agl_m - float(np.nanmin(agl_m))
+        below_m = self._terrain.min_agl_m - float(np.nanmin(agl_m))
+        return below_m, float(np.nanmax(agl_m)) - self._terrain.max_agl_m
 
     def departures_m(self, hold: Flight, ahead_s: float) -> tuple[float, float]:
         """Return how far a hold leads a vehicle below and above the flight band; negative inside.
@@ -82,7 +83,7 @@ class GroundAhead:
         centre_m = np.array((circle.east_m, circle.north_m))
         places_m = centre_m + (radii_m[:, None, None] * ring).reshape(-1, 2)
         agl_m = circle.height_m - self._elevation.heights_at(places_m)
-        below_m = max(float(self._terrain.min_agl_m - agl_m.min()), self.below_band_m(hold, ahead_s))
+        below_m = max(float(self._terrain.min_agl_m - agl_m.min()), self.off_band_m(hold, ahead_s)[0])
         return below_m, float(agl_m.max() - self._terrain.max_agl_m)
 
 

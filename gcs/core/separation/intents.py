@@ -37,6 +37,7 @@ from gcs.core.separation.forward_flight import (
 )
 from gcs.core.separation.separation_state import FirstClimb
 from gcs.core.state import Agent
+from gcs.core.tasking.upload_latency import DELIVERY_S, late_s
 from gcs.fence import rally_of
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.fleet.fleet import Fleet
@@ -69,7 +70,7 @@ FIRST_CLIMB_M: Final = 10.0
 _FIRST_CLIMB_M_S: Final = 3.0
 """Default FW_T_CLMB_R_SP of PX4."""
 _HOLD_DELAY_S: Final = 0.75
-"""Time from an order to hold to the turn onto the circle, if the turn begins at once with its full rate."""
+"""Time from an order to the turn to a circle or to a first point, if it begins at once with its full rate."""
 _HOLD_BANK_DEG: Final = 38.0
 """Bank of that turn; with the delay it fits holds of ArduPlane and PX4 (`docs/measurements.md`)."""
 _PLACES: Final = 16_384
@@ -224,6 +225,10 @@ class Intents:
         """Return the vertical speed of a vehicle's take-off climb, by ground speed: as it climbed before."""
         measured = self._agents[vehicle].separation.climb_gradient
         return measured or math.tan(math.radians(self._airframes[vehicle].climb_deg))
+
+    def mission_delay_s(self, vehicle: int) -> float:
+        """Return the time until a vehicle turns to the first point of a mission whose upload begins now."""
+        return DELIVERY_S + late_s(self._agents[vehicle].tasking) + _HOLD_DELAY_S
 
     def turn_rate_rad_s(self, vehicle: int, speed_m_s: float) -> float:
         """Return the planned turn rate of a vehicle at a speed."""

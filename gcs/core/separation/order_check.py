@@ -137,9 +137,12 @@ class OrderCheck:
         led = flights.of(vehicle, AUTO)
         conflicts = [*self._met(led, others, is_return=False, margin=_RELEASE_MARGIN)]
         present = flights.of(vehicle)
-        below_m = self._below_band_m(led, _CLIMB_LAG_S)
-        if below_m > max(-_RELEASE_INSIDE_M, self._below_band_m(present)):
+        below_m, above_m = self._off_band_m(led, _CLIMB_LAG_S)
+        present_below_m, present_above_m = self._off_band_m(present)
+        if below_m > max(-_RELEASE_INSIDE_M, present_below_m):
             return "would fly below the flight band"
+        if above_m > max(_OFF_BAND_M, present_above_m):
+            return "would fly above the flight band"
         if self._ground.is_known and abs(led.turn_rad) > _TURNS_BACK_RAD:
             return "would turn back beside its route"
         if zone := self._zones.first(led):
@@ -149,11 +152,11 @@ class OrderCheck:
             return ""
         return f"would {min(conflicts).words}"
 
-    def _below_band_m(self, flight: Flight, lag_s: float = 0.0) -> float:
-        """Return how far a flight goes below the flight band at once; a landing does so by intent."""
+    def _off_band_m(self, flight: Flight, lag_s: float = 0.0) -> tuple[float, float]:
+        """Return how far a flight goes below and above the flight band; a landing does so by intent."""
         if any(goal.kind is GoalKind.LAND for goal in flight.goals):
-            return -math.inf
-        return self._ground.below_band_m(flight, _AHEAD_S, lag_s)
+            return -math.inf, -math.inf
+        return self._ground.off_band_m(flight, _AHEAD_S, lag_s)
 
     def should_hold_before_zone(self, vehicle: int, flights: PredictedFlights) -> bool:
         """Return True if a flight leads into a zone, and a hold is clear of areas, the ground and others."""
@@ -251,8 +254,10 @@ class OrderCheck:
         reach_m = self.intents.reach_m(state, _AHEAD_S)
         count = points_within(route.flown_m, (state.east_m, state.north_m), reach_m)
         legs = self._legs(route, route.flown_m[: max(count, _MIN_POINTS)])
-        climb = self.intents.first_climb(state, legs[0].height_m)
-        return replace(self.intents.flight(state, t_ns), goals=(*climb, *legs, Goal(GoalKind.KEEP)))
+        climb = tuple(self.intents.first_climb(state, legs[0].height_m))
+        delay_s = 0.0 if climb else self.intents.mission_delay_s(route.vehicle)
+        goals = (*climb, *legs, Goal(GoalKind.KEEP))
+        return replace(self.intents.flight(state, t_ns), goals=goals, delay_s=delay_s)
 
     def hold_gain(self, vehicle: int, flights: PredictedFlights) -> float:
         """Return how much farther from all others a vehicle stays if it holds now, as a share of the minimum.

@@ -17,6 +17,7 @@ import numpy as np
 
 from gcs.model import FloatArray
 from gcs.planning.forward_simulation import LoiterCircle, Motion, RemainingMission
+from gcs.planning.map.grid import Point
 from gcs.planning.mission_flight import simulate_mission
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.terrain.band import FlightBand
@@ -36,6 +37,15 @@ class FlightModel:
     speed_m_s: float
     turn_lag_s: float
     turns: TurnAnticipation
+    wind_m_s: Point = (0.0, 0.0)
+    """East and north, as the vehicle reports it."""
+
+    @property
+    def turn_radius_m(self) -> float:
+        """Least turn radius in still air; without a wind that of turns in the wind of the plan."""
+        if self.wind_m_s == (0.0, 0.0):
+            return self.turns.radius_m
+        return self.turns.radius_m / (1.0 + self.turns.wind_m_s / self.speed_m_s) ** 2
 
 
 def fly_route(route: TerrainRoute, model: FlightModel) -> tuple[FloatArray, FloatArray]:
@@ -54,7 +64,9 @@ def fly_route(route: TerrainRoute, model: FlightModel) -> tuple[FloatArray, Floa
     east_m, north_m = points[0].tolist()
     motion = Motion(east_m, north_m, model.speed_m_s, math.atan2(first[0], first[1]))
     ahead = RemainingMission(waypoints, tuple(radii_m.tolist()), circle=loiter)
-    flight = simulate_mission(motion, None, ahead, model.turn_lag_s, model.turns.radius_m)
+    flight = simulate_mission(
+        motion, None, ahead, model.turn_lag_s, model.turn_radius_m, wind_m_s=model.wind_m_s
+    )
     places = flight.places_m
     passed = flight.passed
     if loiter is None:

@@ -19,6 +19,7 @@ from gcs.model import FloatArray
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.planner_inputs import AgentState, PlanOptions
 from gcs.planning.terrain.band import FlightBand, Vertical, make_band
+from gcs.planning.terrain.detour import AvoidedFlight, band_beside
 from gcs.planning.terrain.first_rise import with_low_first_point
 from gcs.planning.terrain.flown_route import ALLOWED_M, MARGINS_M, FlightModel, plan_flown_route
 from gcs.planning.terrain.goal import cost_matrix, goal_at
@@ -32,7 +33,7 @@ from gcs.planning.terrain.loiter_circles import (
     nearest_circles,
 )
 from gcs.planning.terrain.route import TerrainRoute
-from gcs.planning.terrain.terrain_map import BandPose, Goal, TerrainMap, make_terrain_map
+from gcs.planning.terrain.terrain_map import BandPose, Goal, TerrainMap, make_terrain_map, with_smaller_band
 
 _MAX_CORRECTIONS: Final = 8
 """Predicted places of a target that are tried."""
@@ -96,17 +97,24 @@ class TerrainSearch:
         goals = [way_out.goal(way_out.levels[0], target) for target in self._targets]
         self.costs[i] = cost_matrix(way_out.levels[0].terrain, [start], goals)
 
-    def route(self, i: int, j: int, layer: int) -> tuple[TerrainRoute, Point | None] | None:
+    def route(
+        self, i: int, j: int, layer: int, avoided: Sequence[AvoidedFlight] = ()
+    ) -> tuple[TerrainRoute, Point | None] | None:
         """Return the route of agent i to target j, and the place where it meets it; None without a route.
 
         No place for an agent that leaves an area that the target is inside, too.
 
         It is planned with the least margin with which the simulated flight stays in the band.
+
+        Parameters
+        ----------
+        avoided : sequence of AvoidedFlight
+            Parts of other flights that the route leads round, over or under; no route from inside of them.
         """
         agent = self.agents[i]
         options = self._options_of(agent)
         assert options.turns is not None
-        model = FlightModel(agent.speed_m_s, options.turn_lag_s, options.turns)
+        model = FlightModel(agent.speed_m_s, options.turn_lag_s, options.turns, agent.wind_m_s)
         way_out = self._ways_out.get(i)
         target_m = self._targets[j]
         if way_out is None:
@@ -114,6 +122,13 @@ class TerrainSearch:
             band = band_of(self._terrain, self._grid, options.clearance_m, 0.0)
             levels = levels_of(self._terrain, self._grid, options)
             tries = [(level.terrain, _goal(level, target_m, options)) for level in levels]
+            if avoided:
+                band = band_beside(band, avoided)
+                if is_inside(band, _start(agent)):
+                    return None
+                tries = [(_beside(terrain, avoided), goal) for terrain, goal in tries]
+        elif avoided:
+            return None
         else:
             band = way_out.band(0.0)
             tries = [(level.terrain, way_out.goal(level, target_m)) for level in way_out.levels]
@@ -207,6 +222,10 @@ class _WayOut:
     def ends_short(self, goal: Goal) -> bool:
         """Return True if a goal is near a target, and not at it."""
         return goal in self._short
+
+
+def _beside(terrain: TerrainMap, avoided: Sequence[AvoidedFlight]) -> TerrainMap:
+    return with_smaller_band(terrain, band_beside(terrain.band, avoided))
 
 
 def _vertical(options: PlanOptions) -> Vertical:

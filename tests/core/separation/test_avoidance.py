@@ -138,6 +138,29 @@ def test_a_vehicle_that_holds_does_not_fly_on_into_higher_ground_beside_its_rout
     order_check._ground._elevation = elevation_of(hill(*place_m, 60.0, 60.0, 70.0), 3000.0)
     order_check._ground._terrain = TerrainTable(file="ground.tif", min_agl_m=50.0, max_agl_m=150.0)
     assert order_check.release_problem(vehicle, order_check.predict(t_ns)).endswith("below the flight band")
+    order_check._ground._elevation = elevation_of(hill(*place_m, -60.0, 60.0, 70.0), 3000.0)
+    order_check._ground._terrain = TerrainTable(file="ground.tif", min_agl_m=20.0, max_agl_m=70.0)
+    assert order_check.release_problem(vehicle, order_check.predict(t_ns)).endswith("above the flight band")
+
+
+def test_a_vehicle_that_cannot_fly_on_gets_the_mission_that_waits_for_it():
+    """The mission waited for the end of the hold, and the hold for the mission: 900 s in a circle."""
+    sky = crossing()
+    while not sky.told(NoticeCode.AVOIDS):
+        fly_on(sky, 0.4)
+    ((_, notice),) = sky.told(NoticeCode.AVOIDS)
+    stages = sky.run_.engine.stages
+    stages.avoidances._order_check.release_problem = lambda *_: "would fly below the flight band"
+    agents = sky.run_.engine.state.agents
+    own, other = (agents[vehicle].routes.flown.target for vehicle in (notice.vehicle, 3 - notice.vehicle))
+    for vehicle, target in ((notice.vehicle, other), (3 - notice.vehicle, own)):
+        sky.run_.order(Order(sky.run_.t_ns, f"swap-{vehicle}", "pin", (vehicle,), target=target))
+    fly_on(sky, 50.0)
+    assert agents[notice.vehicle].separation.avoidance is not None
+    assert agents[notice.vehicle].tasking.onboard.route.target != other
+    fly_on(sky, 20.0)
+    assert agents[notice.vehicle].separation.avoidance is None
+    assert agents[notice.vehicle].tasking.onboard.route.target == other
 
 
 def test_a_vehicle_over_terrain_does_not_fly_on_while_it_may_turn_to_either_side():

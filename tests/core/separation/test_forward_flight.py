@@ -248,7 +248,7 @@ def some_flight(rng, vehicle, wind_m_s):
         vehicle, *rng.uniform(-400.0, 400.0, 2), rng.uniform(50.0, 200.0), rng.uniform(0.0, 25.0),
         rng.uniform(-4.0, 7.0), rng.uniform(-3.0, 3.0), rng.uniform(-0.3, 0.3), rng.uniform(0.05, 0.6),
         (*goals, Goal(GoalKind.KEEP)), rng.uniform(0.0, 2.0), rng.uniform(0.0, 0.2), rng.uniform(0.0, 5.0),
-        wind_m_s,
+        wind_m_s, float(rng.choice([0.0, rng.uniform(0.0, 6.0)])),
     )  # fmt: skip
 
 

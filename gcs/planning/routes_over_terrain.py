@@ -1,0 +1,192 @@
+"""Routes over terrain that are kept apart: at the heights of another layer, or by a detour round a vehicle.
+
+First each route in turn gets a layer, as over level ground. Where climbs are steep the heights of all layers
+come together, so that none separates two vehicles. Then one of those that meet soon gets a route round, over
+or under the places where the other one will be.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from gcs.model import Route
+from gcs.planning.layer_assignment import Conflict, PlannedFlight, assign_layers, meeting_places_m
+from gcs.planning.pair_route import shape_over_terrain
+from gcs.planning.plan_result import Choice
+from gcs.planning.planner_inputs import MissionInputs, TargetDemand
+from gcs.planning.terrain.detour import AvoidedFlight
+from gcs.planning.terrain.terrain_search import TerrainSearch
+
+_SOON_S: Final = 90.0
+"""Time ahead in which a vehicle makes a detour round another one."""
+_MAX_DETOURS: Final = 12
+"""Detours that are tried in one plan."""
+_DETOURS_EACH: Final = 2
+"""Detours that are tried for one vehicle of a pair: the second one leads round the next vehicle, too."""
+_MAX_LONGER_M: Final = 500.0
+"""Length that a detour may add."""
+_MARGIN: Final = 1.3
+"""Multiple of the least distances that new routes keep from others where they can."""
+_DETOUR_MARGIN: Final = 1.5
+"""Multiple of the least distances that a detour keeps from the predicted places of the other vehicle."""
+_GAIN_S: Final = 20.0
+"""Time by which it must meet another vehicle later."""
+_AROUND_S: Final = 5.0
+"""Error of the time at which the other vehicle is at a place."""
+
+
+@dataclass(frozen=True)
+class _Planned:
+    """Route that a vehicle may get, and whom it comes near to there."""
+
+    route: Route
+    flight: PlannedFlight
+    near: list[Conflict]
+
+    @property
+    def first_s(self) -> float:
+        """When it first comes near another one; infinite if it does not."""
+        return min((one.after_s for one in self.near), default=math.inf)
+
+
+def separate_over_terrain(
+    choice: Choice, inputs: MissionInputs
+) -> tuple[list[Route], list[PlannedFlight], tuple[Conflict, ...]]:
+    """Return new routes that are kept apart, their flights, and the pairs that come near all the same.
+
+    Each route in turn gets the first layer, from the preferred one on, in which it is separated from others,
+    or else the one in which it meets one last. Then those that meet soon make detours, the first first.
+    """
+    planned: dict[int, PlannedFlight] = {}
+    routes: dict[int, Route] = {}
+    for route in choice.new:
+        one = _in_best_layer(route, [*choice.flights, *planned.values()], inputs)
+        planned[route.vehicle] = one.flight
+        routes[route.vehicle] = one.route
+    left = _MAX_DETOURS
+    tried: set[tuple[int, int]] = set()
+    while left > 0:
+        near = _conflicts_of(planned, choice.flights, inputs, _MARGIN)
+        soon = [one for one in near if one.after_s <= _SOON_S and one.vehicles not in tried]
+        if not soon:
+            break
+        pair = min(soon, key=lambda one: one.after_s).vehicles
+        tried.add(pair)
+        for vehicle in reversed(pair):
+            if vehicle not in planned or left <= 0:
+                continue
+            others = [*choice.flights, *(flight for v, flight in planned.items() if v != vehicle)]
+            present = _planned(routes[vehicle], others, inputs)
+            detour, count = _with_detour(present, others, inputs, min(left, _DETOURS_EACH))
+            left -= count
+            if detour is not None:
+                planned[vehicle] = detour.flight
+                routes[vehicle] = detour.route
+                break
+    near = _conflicts_of(planned, choice.flights, inputs)
+    return list(routes.values()), list(planned.values()), tuple(near)
+
+
+def _conflicts_of(
+    planned: Mapping[int, PlannedFlight],
+    kept: Sequence[PlannedFlight],
+    inputs: MissionInputs,
+    margin: float = 1.0,
+) -> list[Conflict]:
+    """Return the pairs that come near each other, with one of the planned vehicles at least."""
+    near = _conflicts([*kept, *planned.values()], inputs, margin)
+    return [one for one in near if not planned.keys().isdisjoint(one.vehicles)]
+
+
+def _in_best_layer(route: Route, others: Sequence[PlannedFlight], inputs: MissionInputs) -> _Planned:
+    """Return a route in the first layer in which it is separated, or else in which it meets another last."""
+    tries: list[_Planned] = []
+    for turn in range(inputs.layers):
+        layer = (inputs.preferred_layers[route.vehicle] + turn) % inputs.layers
+        tries.append(_planned(_in_layer(route, layer, inputs), others, inputs))
+        if not tries[-1].near:
+            break
+    return max(tries, key=lambda one: one.first_s)
+
+
+def _with_detour(
+    planned: _Planned, others: Sequence[PlannedFlight], inputs: MissionInputs, most: int
+) -> tuple[_Planned | None, int]:
+    """Return a route round those that a vehicle would meet, None without one, and how many were tried."""
+    route = planned.route
+    latest = planned
+    search = _search(route, inputs)
+    avoided: list[AvoidedFlight] = []
+    for tried in range(1, most + 1):
+        first = min(latest.near, key=lambda one: one.after_s)
+        (met,) = (vehicle for vehicle in first.vehicles if vehicle != route.vehicle)
+        other = next(one for one in others if one.vehicle == met)
+        limits_m = _MARGIN * inputs.separation_m, _MARGIN * inputs.min_height_m
+        places_m = meeting_places_m(latest.flight, other, *limits_m, _AROUND_S)
+        radius_m = max(other.radius_m, other.end_radius_m)
+        distance_m = _DETOUR_MARGIN * inputs.separation_m + radius_m
+        avoided.append(AvoidedFlight(places_m, distance_m, _DETOUR_MARGIN * inputs.min_height_m))
+        shaped = shape_over_terrain(search, (0, 0), route.vehicle, route.target, route.layer, avoided).route
+        if shaped is None or shaped.length_m > route.length_m + _MAX_LONGER_M:
+            return None, tried
+        latest = _planned(replace(shaped, layer=route.layer), others, inputs)
+        if latest.first_s > planned.first_s + _GAIN_S:
+            return latest, tried
+    return None, most
+
+
+def _in_layer(route: Route, layer: int, inputs: MissionInputs) -> Route:
+    """Return a route over terrain at the heights that a layer prefers."""
+    if layer == 0:
+        return replace(route, layer=layer)  # planned so
+    planned = shape_over_terrain(_search(route, inputs), (0, 0), route.vehicle, route.target, layer).route
+    return replace(route if planned is None else planned, layer=layer)
+
+
+def _search(route: Route, inputs: MissionInputs) -> TerrainSearch:
+    assert inputs.terrain is not None
+    agent = inputs.agents[route.vehicle]
+    target_m = inputs.grid.nearest_inside(inputs.targets[route.target])
+    demand = inputs.demands.get(route.target, TargetDemand())
+    velocities_m_s = [demand.velocity_m_s]
+    return TerrainSearch(inputs.terrain, inputs.grid, [agent], [target_m], inputs.options, velocities_m_s)
+
+
+def _planned(route: Route, others: Sequence[PlannedFlight], inputs: MissionInputs) -> _Planned:
+    flight = replace(new_flight(route, inputs), layer=route.layer, keeps_layer=True)
+    near = [one for one in _conflicts([*others, flight], inputs, _MARGIN) if route.vehicle in one.vehicles]
+    return _Planned(route, flight, near)
+
+
+def _conflicts(
+    flights: Sequence[PlannedFlight], inputs: MissionInputs, margin: float = 1.0
+) -> tuple[Conflict, ...]:
+    limits_m = margin * inputs.separation_m, margin * inputs.min_height_m
+    return assign_layers(flights, inputs.layers, *limits_m)[1]
+
+
+def new_flight(route: Route, inputs: MissionInputs) -> PlannedFlight:
+    """Return the flight on a new route, in any layer."""
+    agent = inputs.agents[route.vehicle]
+    begin_m = inputs.begins_m.get(route.vehicle, [(agent.east_m, agent.north_m)])
+    path_m = np.vstack((*begin_m, route.flown_m))
+    heights_m = route.heights_msl_m
+    circle_m = 0.0
+    if heights_m is not None:
+        heights_m = np.concatenate((np.full(len(begin_m), agent.height_msl_m), heights_m))
+        loiter = (agent.options or inputs.options).loiter
+        circle_m = 0.0 if loiter is None else loiter.radius_m
+    return PlannedFlight(
+        route.vehicle,
+        path_m,
+        agent.speed_m_s,
+        inputs.preferred_layers[route.vehicle],
+        heights_msl_m=heights_m,
+        end_radius_m=circle_m,
+        wind_m_s=agent.wind_m_s,
+    )
