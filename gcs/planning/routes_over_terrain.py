@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -24,7 +25,7 @@ from gcs.planning.terrain.terrain_search import TerrainSearch
 
 _SOON_S: Final = 90.0
 """Time ahead in which a vehicle makes a detour round another one."""
-_MAX_DETOURS: Final = 12
+_MAX_DETOURS: Final = 8
 """Detours that are tried in one plan."""
 _DETOURS_EACH: Final = 2
 """Detours that are tried for one vehicle of a pair: the second one leads round the next vehicle, too."""
@@ -64,8 +65,10 @@ def separate_over_terrain(
     """
     planned: dict[int, PlannedFlight] = {}
     routes: dict[int, Route] = {}
+    searches = {route.vehicle: _Search(route, inputs) for route in choice.new}
     for route in choice.new:
-        one = _in_best_layer(route, [*choice.flights, *planned.values()], inputs)
+        others = [*choice.flights, *planned.values()]
+        one = _in_best_layer(route, searches[route.vehicle], others, inputs)
         planned[route.vehicle] = one.flight
         routes[route.vehicle] = one.route
     left = _MAX_DETOURS
@@ -82,7 +85,8 @@ def separate_over_terrain(
                 continue
             others = [*choice.flights, *(flight for v, flight in planned.items() if v != vehicle)]
             present = _planned(routes[vehicle], others, inputs)
-            detour, count = _with_detour(present, others, inputs, min(left, _DETOURS_EACH))
+            most = min(left, _DETOURS_EACH)
+            detour, count = _with_detour(present, searches[vehicle], others, inputs, most)
             left -= count
             if detour is not None:
                 planned[vehicle] = detour.flight
@@ -103,24 +107,55 @@ def _conflicts_of(
     return [one for one in near if not planned.keys().isdisjoint(one.vehicles)]
 
 
-def _in_best_layer(route: Route, others: Sequence[PlannedFlight], inputs: MissionInputs) -> _Planned:
+class _Search:
+    """Routes of one vehicle to its target, in each layer, and beside other flights."""
+
+    def __init__(self, lowest: Route, inputs: MissionInputs) -> None:
+        self._lowest = lowest
+        self._inputs = inputs
+
+    @cached_property
+    def _search(self) -> TerrainSearch:
+        inputs = self._inputs
+        assert inputs.terrain is not None
+        agent = inputs.agents[self._lowest.vehicle]
+        target_m = inputs.grid.nearest_inside(inputs.targets[self._lowest.target])
+        demand = inputs.demands.get(self._lowest.target, TargetDemand())
+        velocities_m_s = [demand.velocity_m_s]
+        return TerrainSearch(inputs.terrain, inputs.grid, [agent], [target_m], inputs.options, velocities_m_s)
+
+    def route(self, layer: int, avoided: Sequence[AvoidedFlight] = ()) -> Route | None:
+        """Return the route in a layer; None without one."""
+        if layer == 0 and not avoided:
+            return self._lowest  # planned so
+        route = self._lowest
+        shaped = shape_over_terrain(self._search, (0, 0), route.vehicle, route.target, layer, avoided).route
+        return None if shaped is None else replace(shaped, layer=layer)
+
+
+def _in_best_layer(
+    route: Route, search: _Search, others: Sequence[PlannedFlight], inputs: MissionInputs
+) -> _Planned:
     """Return a route in the first layer in which it is separated, or else in which it meets another last."""
     tries: list[_Planned] = []
     for turn in range(inputs.layers):
         layer = (inputs.preferred_layers[route.vehicle] + turn) % inputs.layers
-        tries.append(_planned(_in_layer(route, layer, inputs), others, inputs))
+        tries.append(_planned(search.route(layer) or replace(route, layer=layer), others, inputs))
         if not tries[-1].near:
             break
     return max(tries, key=lambda one: one.first_s)
 
 
 def _with_detour(
-    planned: _Planned, others: Sequence[PlannedFlight], inputs: MissionInputs, most: int
+    planned: _Planned,
+    search: _Search,
+    others: Sequence[PlannedFlight],
+    inputs: MissionInputs,
+    most: int,
 ) -> tuple[_Planned | None, int]:
     """Return a route round those that a vehicle would meet, None without one, and how many were tried."""
     route = planned.route
     latest = planned
-    search = _search(route, inputs)
     avoided: list[AvoidedFlight] = []
     for tried in range(1, most + 1):
         first = min(latest.near, key=lambda one: one.after_s)
@@ -131,30 +166,13 @@ def _with_detour(
         radius_m = max(other.radius_m, other.end_radius_m)
         distance_m = _DETOUR_MARGIN * inputs.separation_m + radius_m
         avoided.append(AvoidedFlight(places_m, distance_m, _DETOUR_MARGIN * inputs.min_height_m))
-        shaped = shape_over_terrain(search, (0, 0), route.vehicle, route.target, route.layer, avoided).route
-        if shaped is None or shaped.length_m > route.length_m + _MAX_LONGER_M:
+        detour = search.route(route.layer, avoided)
+        if detour is None or detour.length_m > route.length_m + _MAX_LONGER_M:
             return None, tried
-        latest = _planned(replace(shaped, layer=route.layer), others, inputs)
+        latest = _planned(detour, others, inputs)
         if latest.first_s > planned.first_s + _GAIN_S:
             return latest, tried
     return None, most
-
-
-def _in_layer(route: Route, layer: int, inputs: MissionInputs) -> Route:
-    """Return a route over terrain at the heights that a layer prefers."""
-    if layer == 0:
-        return replace(route, layer=layer)  # planned so
-    planned = shape_over_terrain(_search(route, inputs), (0, 0), route.vehicle, route.target, layer).route
-    return replace(route if planned is None else planned, layer=layer)
-
-
-def _search(route: Route, inputs: MissionInputs) -> TerrainSearch:
-    assert inputs.terrain is not None
-    agent = inputs.agents[route.vehicle]
-    target_m = inputs.grid.nearest_inside(inputs.targets[route.target])
-    demand = inputs.demands.get(route.target, TargetDemand())
-    velocities_m_s = [demand.velocity_m_s]
-    return TerrainSearch(inputs.terrain, inputs.grid, [agent], [target_m], inputs.options, velocities_m_s)
 
 
 def _planned(route: Route, others: Sequence[PlannedFlight], inputs: MissionInputs) -> _Planned:

@@ -97,6 +97,8 @@ def plan_flown_route(
     model: FlightModel,
     share: float = 0.5,
     allowed_m: float = 0.0,
+    *,
+    is_quick: bool = False,
 ) -> tuple[TerrainRoute, Goal] | None:
     """Return a route whose flight stays in a band, and its goal; the first of some tries that achieves it.
 
@@ -110,6 +112,8 @@ def plan_flown_route(
         Wanted share of the band.
     allowed_m : float
         Distance that the flight may leave the band by.
+    is_quick : bool
+        As of `plan_route`.
 
     Returns
     -------
@@ -121,7 +125,9 @@ def plan_flown_route(
     for terrain, goal in tries:
         for with_all_corners in () if goal is None else (False, True):
             assert goal is not None
-            route = plan_route(terrain, start, goal, share, with_all_corners=with_all_corners)
+            route = plan_route(
+                terrain, start, goal, share, with_all_corners=with_all_corners, is_quick=is_quick
+            )
             if route is None:
                 continue
             departure_m = worst_departure_m(band, route, model)

@@ -30,6 +30,7 @@ _SHORT_SHARE = 1.01
 """Length, as a multiple of that without turns, from which no other search is worth its time."""
 _MORE_EFFORTS = (Effort(3.0, 2_000, 60_000), Effort(1.4, 2_000, 100_000))
 """Searches where the others found no route, one after the other."""
+_QUICK_EFFORTS = (Effort(1.2, 1_000, 20_000),)
 _PROFILE_STEP_M = 1.0
 _SPARE_M = 6.0
 """Distance that profiles keep from floor and ceiling, so that they need fewer waypoints."""
@@ -71,6 +72,7 @@ def plan_route(
     share: float = 0.5,
     *,
     with_all_corners: bool = False,
+    is_quick: bool = False,
 ) -> TerrainRoute | None:
     """Return a short route inside the band; None if none is found.
 
@@ -84,9 +86,12 @@ def plan_route(
         Wanted share of the band, from 0 at its floor to 1 at its ceiling.
     with_all_corners : bool
         True if corners that the heights do not need stay, and heights need no room beside a line.
+    is_quick : bool
+        True for one short search only.
     """
     paths: list[CornerPath] = []
-    for effort in _EFFORTS if goal.place_m is None else _PASSING_EFFORTS:
+    efforts = _EFFORTS if goal.place_m is None else _PASSING_EFFORTS
+    for effort in _QUICK_EFFORTS if is_quick else efforts:
         path = find_path(terrain, start, goal, effort)
         if path is not None:
             paths.append(path)
@@ -96,7 +101,7 @@ def plan_route(
         route = _with_heights(terrain, path, goal, share, with_all_corners)
         if route is not None:
             return route
-    for effort in _MORE_EFFORTS:
+    for effort in () if is_quick else _MORE_EFFORTS:
         path = find_path(terrain, start, goal, effort)
         route = None if path is None else _with_heights(terrain, path, goal, share, with_all_corners)
         if route is not None:

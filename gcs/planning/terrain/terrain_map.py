@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -101,18 +101,4 @@ def make_terrain_map(band: FlightBand, vertical: Vertical, turn_radius_m: float)
         search_band,
         band.narrowed(_SHORTENING_SLACK_M),
         band.narrowed(_PROFILE_SLACK_M),
-    )
-
-
-def with_smaller_band(terrain: TerrainMap, band: FlightBand) -> TerrainMap:
-    """Return a map with a band inside that of another map, for searches with the goals of that one.
-
-    The lengths in their fields are lower bounds in it: a search finds the same paths, and expands more poses.
-    """
-    return replace(
-        terrain,
-        band=band,
-        search_band=band.narrowed(_SEARCH_SLACK_M),
-        shortening_band=band.narrowed(_SHORTENING_SLACK_M),
-        profile_band=band.narrowed(_PROFILE_SLACK_M),
     )

@@ -8,7 +8,7 @@ predicted place is corrected by the length of the path there, and is inside the 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -33,7 +33,7 @@ from gcs.planning.terrain.loiter_circles import (
     nearest_circles,
 )
 from gcs.planning.terrain.route import TerrainRoute
-from gcs.planning.terrain.terrain_map import BandPose, Goal, TerrainMap, make_terrain_map, with_smaller_band
+from gcs.planning.terrain.terrain_map import BandPose, Goal, TerrainMap, make_terrain_map
 
 _MAX_CORRECTIONS: Final = 8
 """Predicted places of a target that are tried."""
@@ -117,6 +117,7 @@ class TerrainSearch:
         model = FlightModel(agent.speed_m_s, options.turn_lag_s, options.turns, agent.wind_m_s)
         way_out = self._ways_out.get(i)
         target_m = self._targets[j]
+        tries: Iterable[tuple[TerrainMap, Goal | None]]
         if way_out is None:
             target_m = self._meeting_m(i, j)
             band = band_of(self._terrain, self._grid, options.clearance_m, 0.0)
@@ -126,13 +127,14 @@ class TerrainSearch:
                 band = band_beside(band, avoided)
                 if is_inside(band, _start(agent)):
                     return None
-                tries = [(_beside(terrain, avoided), goal) for terrain, goal in tries]
+                tries = _tries_beside(levels, avoided, target_m, options)
         elif avoided:
             return None
         else:
             band = way_out.band(0.0)
             tries = [(level.terrain, way_out.goal(level, target_m)) for level in way_out.levels]
-        found = plan_flown_route(band, tries, _start(agent), model, self._terrain.share(layer), ALLOWED_M)
+        share = self._terrain.share(layer)
+        found = plan_flown_route(band, tries, _start(agent), model, share, ALLOWED_M, is_quick=bool(avoided))
         if found is None:
             return None
         route, goal = found
@@ -224,8 +226,15 @@ class _WayOut:
         return goal in self._short
 
 
-def _beside(terrain: TerrainMap, avoided: Sequence[AvoidedFlight]) -> TerrainMap:
-    return with_smaller_band(terrain, band_beside(terrain.band, avoided))
+def _tries_beside(
+    levels: Sequence[Level], avoided: Sequence[AvoidedFlight], target_m: Point, options: PlanOptions
+) -> Iterator[tuple[TerrainMap, Goal | None]]:
+    """Yield the map and the goal of each margin for a route beside other flights; circles are as without."""
+    assert options.loiter is not None
+    for level in levels:
+        band = band_beside(level.terrain.band, avoided)
+        terrain = make_terrain_map(band, level.terrain.vertical, level.terrain.turn_radius_m)
+        yield terrain, goal_at_target(terrain, level.circles, target_m, options.loiter.reach_radius_m)
 
 
 def _vertical(options: PlanOptions) -> Vertical:
