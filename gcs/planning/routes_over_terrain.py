@@ -2,7 +2,7 @@
 
 First each route in turn gets a layer, as over level ground. Where climbs are steep the heights of all layers
 come together, so that none separates two vehicles. Then one of those that meet soon gets a route round, over
-or under the places where the other one will be.
+or under the places where the other one will be, if it is in the air: on the ground it waits for its turn.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def separate_over_terrain(
         pair = min(soon, key=lambda one: one.after_s).vehicles
         tried.add(pair)
         for vehicle in reversed(pair):
-            if vehicle not in planned or left <= 0:
+            if vehicle not in planned or inputs.agents[vehicle].is_grounded or left <= 0:
                 continue
             others = [*choice.flights, *(flight for v, flight in planned.items() if v != vehicle)]
             present = _planned(routes[vehicle], others, inputs)

@@ -96,12 +96,10 @@ def test_with_room_for_two_heights_neither_flies_a_detour():
     assert result.conflicts == ()
 
 
-def test_a_detour_leads_round_a_vehicle_that_keeps_its_route():
-    others = {1: agent(700.0, 1500.0, EAST), 2: agent(2300.0, 1500.0, WEST), 3: agent(1500.0, 700.0, 0.0)}
-    targets = {**PAST_EACH_OTHER, 3: (1500.0, 2500.0)}
-    result = plan(others, targets)
-    assert result.conflicts == ()
-    assert len(result.routes) == 3
+def test_vehicles_on_the_ground_make_no_detours():
+    grounded = {v: replace(one, is_grounded=True) for v, one in HEAD_ON.items()}
+    result = plan(grounded, PAST_EACH_OTHER)
+    assert [one.vehicles for one in result.conflicts] == [(1, 2)]
 
 
 def test_a_pair_that_no_detour_keeps_apart_is_reported():
