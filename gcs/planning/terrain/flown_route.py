@@ -48,10 +48,12 @@ class FlightModel:
         return self.turns.radius_m / (1.0 + self.turns.wind_m_s / self.speed_m_s) ** 2
 
 
-def fly_route(route: TerrainRoute, model: FlightModel) -> tuple[FloatArray, FloatArray]:
+def fly_route(
+    route: TerrainRoute, model: FlightModel, course_rad: float | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Return places (k, 2) and heights (k,) of the simulated flight along a route and round its circle.
 
-    A circle that is flown counter-clockwise is left out.
+    It begins on a course; None: on that of the first leg. A circle to the left is left out.
     """
     points = route.points_m
     radii_m = model.turns.accept_radii_m(points)
@@ -62,7 +64,9 @@ def fly_route(route: TerrainRoute, model: FlightModel) -> tuple[FloatArray, Floa
     waypoints = tuple((float(east), float(north)) for east, north in points[1:])
     first = points[1] - points[0]
     east_m, north_m = points[0].tolist()
-    motion = Motion(east_m, north_m, model.speed_m_s, math.atan2(first[0], first[1]))
+    if course_rad is None:
+        course_rad = math.atan2(first[0], first[1])
+    motion = Motion(east_m, north_m, model.speed_m_s, course_rad)
     ahead = RemainingMission(waypoints, tuple(radii_m.tolist()), circle=loiter)
     flight = simulate_mission(
         motion, None, ahead, model.turn_lag_s, model.turn_radius_m, wind_m_s=model.wind_m_s
@@ -80,12 +84,14 @@ def fly_route(route: TerrainRoute, model: FlightModel) -> tuple[FloatArray, Floa
     return places, heights[leg] + share * (heights[leg + 1] - heights[leg])
 
 
-def worst_departure_m(band: FlightBand, route: TerrainRoute, model: FlightModel) -> float:
+def worst_departure_m(
+    band: FlightBand, route: TerrainRoute, model: FlightModel, course_rad: float | None = None
+) -> float:
     """Return how far the flight along a route goes below the floor or above the ceiling; negative inside.
 
-    A start outside the band counts.
+    A start outside the band counts. The course is that of `fly_route`.
     """
-    places, heights = fly_route(route, model)
+    places, heights = fly_route(route, model, course_rad)
     limits = band.limits_at(places)
     return float(np.maximum(limits[:, 0] - heights, heights - limits[:, 1]).max())
 
@@ -120,6 +126,7 @@ def plan_flown_route(
     tuple or None
         Where no flight stays in the band, the route whose flight leaves it least; None without any route.
     """
+    course_rad = start.course_rad if isinstance(start, BandPose) else None
     best: tuple[TerrainRoute, Goal] | None = None
     best_m = math.inf
     for terrain, goal in tries:
@@ -130,7 +137,7 @@ def plan_flown_route(
             )
             if route is None:
                 continue
-            departure_m = worst_departure_m(band, route, model)
+            departure_m = worst_departure_m(band, route, model, course_rad)
             if departure_m < best_m:
                 best = route, goal
                 best_m = departure_m
