@@ -1,4 +1,4 @@
-"""Contradictions between keys of a mission file."""
+"""Contradictions between keys of a mission file: with one, the file is refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Elevation of the ground under a mission's map, from a file of an elevation model.
+"""Elevation of the ground under a mission's map, from a file of an elevation model, refused with holes.
 
 The nodes lie in the local frame, as far apart as the pixels of the file, with heights bilinear between the
 pixels. A file that is finer than `MAX_NODES` allow gives fewer nodes. Each then has the greatest height of

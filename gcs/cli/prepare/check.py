@@ -1,4 +1,4 @@
-"""`gcs check`: validate a mission file and print what it means."""
+"""`gcs check`: validate a mission file, print what it means, and warn of what is unusual."""
 
 from __future__ import annotations
 

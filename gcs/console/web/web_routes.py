@@ -1,4 +1,4 @@
-"""Routes of the web server: the page, its feed, orders, and data for programs; limits on requests."""
+"""Routes of the web server: the page, login and its cookie, the feed, orders, data for programs."""
 
 from __future__ import annotations
 

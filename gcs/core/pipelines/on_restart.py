@@ -1,4 +1,4 @@
-"""Continuation of audits and uploads after an outage of the service."""
+"""Start of what goes on after an outage of the service: audits, and uploads by their own rules."""
 
 from __future__ import annotations
 

@@ -19,7 +19,14 @@ from gcs.core.separation.avoidance import Avoidances
 from gcs.core.separation.forward_flight import FlightPaths, simulate_flights
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import GROWTH_M_S, Encounter, encounters
-from gcs.core.separation.minima import LOST_SHARE, PREDICTED_SHARE, layer_step_m, min_distance_m
+from gcs.core.separation.minima import (
+    AIRCRAFT_HEIGHT_M,
+    AIRCRAFT_M,
+    LOST_SHARE,
+    PREDICTED_SHARE,
+    layer_step_m,
+    min_distance_m,
+)
 from gcs.core.separation.predicted_flights import PredictedFlights
 from gcs.core.separation.separation_state import Approach
 from gcs.core.state import State
@@ -42,9 +49,6 @@ _MAX_TURN_NS = ns(3.0)
 """Time between two courses that give a turn rate."""
 _MIN_CLIMB_M_S = 1.0
 _GRADIENT_GAIN = 0.3
-_AIRCRAFT_M: Final = 300.0
-_AIRCRAFT_HEIGHT_M: Final = 75.0
-"""Minimum distance and height between a vehicle and an aircraft that is not ours."""
 _MAX_HOLD_M: Final = 200.0
 """Distance from the centre of its circle at which a vehicle in LOITER was sent elsewhere."""
 
@@ -92,7 +96,7 @@ class SeparationMonitor:
         aircraft = self._air_traffic.flights(t_ns) if flights else []
         if aircraft:
             paths = simulate_flights([*flights, *aircraft], LOOK_AHEAD_S)
-            for encounter in encounters(paths, _AIRCRAFT_M, _AIRCRAFT_HEIGHT_M, growth_m_s=0.0):
+            for encounter in encounters(paths, AIRCRAFT_M, AIRCRAFT_HEIGHT_M, growth_m_s=0.0):
                 if is_aircraft(encounter.vehicles[1]) and not is_aircraft(encounter.vehicles[0]):
                     effects += self._tell_of_aircraft(encounter, predicted)
         return effects + self._end(t_ns)

@@ -1,4 +1,4 @@
-"""Timeouts and bounds of mission uploads, and their policy: how often, how long, how many items at a time.
+"""Bounds of mission uploads: how often something is repeated, how long in all, how many items at a time.
 
 Waits follow the measured round trip (`gcs.mavlink.services.retransmission_timeout`). The bounds here follow
 ArduPlane.

@@ -1,5 +1,6 @@
-"""Rules of an upload: what follows on what. These tables drive `gcs.mavlink.mission.upload.Upload`.
+"""Rules of an upload: what follows on what, also after a restart of the service or a reboot of the vehicle.
 
+These tables drive `gcs.mavlink.mission.upload.Upload`.
 Of the rules of a stage for an event the first one is carried out whose guard holds: its action, then the next
 stage. A choice is a branch between two stages (`gcs.mavlink.mission.upload_stages`). `docs/missions.md` draws
 both tables.

@@ -1,4 +1,4 @@
-"""Parameters of a tracker: model, limits and birth components."""
+"""Parameters of a tracker: model, gate, limits and birth components."""
 
 from __future__ import annotations
 
