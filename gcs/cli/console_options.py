@@ -1,4 +1,4 @@
-"""Options of the console: its address, who may open it, its socket, the browser.
+"""Options of the console: its address, which is printed here, who may open it, its socket, the browser.
 
 Mistakes in the options end the command at once: the socket is opened here.
 """

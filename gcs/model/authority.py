@@ -1,4 +1,4 @@
-"""Control authority over one vehicle: its states, the events that change it, and one table of both.
+"""Control authority over one vehicle: why it gets no mission, which events change that, one table of both.
 
 Reasons to leave a vehicle alone may overlap: a held vehicle may be landing, too. So each state but OURS is
 a claim that begins and ends by itself. The authority is the highest claim; without one the vehicle is ours.

@@ -1,4 +1,4 @@
-"""Simulation part of a mission file: the validated `[simulation]` table, and random generators by seed.
+"""Simulation part of a mission file: keys and defaults of `[simulation]`, and random generators by seed.
 
 Central command never reads this table, which has the ground truth. Generators are seeded by (seed, purpose),
 so that a seed gives the same world in every process and at every speed.

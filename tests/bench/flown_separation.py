@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import msgspec
 import numpy as np
 
-from gcs.core.separation.monitor import LOOK_AHEAD_S
+from gcs.core.separation.look_ahead import LOOK_AHEAD_S
 from gcs.model import NS_PER_S, Effect, Notice, NoticeCode, Order, OrderAnswer
 from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun

@@ -1,4 +1,4 @@
-"""Words of the preflight checks: for each finding its code, the name of the check, level, and texts.
+"""Levels and words of the preflight checks: for each finding its code, the name of the check, and texts.
 
 This table is the only place with the words of the checks. Programs use the code, the vehicle and the
 parameters. Value, wanted and remedy are templates (`gcs.model.templates`).

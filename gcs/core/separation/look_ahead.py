@@ -1,4 +1,4 @@
-"""Encounters: pairs of predicted flights that will come too near to each other.
+"""Encounters: pairs of predicted flights that will come too near to each other, and how far ahead.
 
 Two flights are too near where their horizontal distance is below a minimum that grows with the time ahead,
 and their bands of height are nearer than another minimum. Pairs whose bounding boxes are apart are left out
@@ -15,6 +15,8 @@ import numpy as np
 from gcs.core.separation.forward_flight import STEP_S, FlightPaths
 from gcs.model import IntArray
 
+LOOK_AHEAD_S: Final = 25.0
+"""Time ahead for which flights are predicted."""
 GROWTH_M_S: Final = 1.0
 """Growth of the minimum distance with the time ahead: predictions get worse."""
 

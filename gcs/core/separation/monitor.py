@@ -18,7 +18,7 @@ from gcs.core.separation.aircraft import AirTraffic, is_aircraft
 from gcs.core.separation.avoidance import Avoidances
 from gcs.core.separation.forward_flight import FlightPaths, simulate_flights
 from gcs.core.separation.intents import Intents
-from gcs.core.separation.look_ahead import GROWTH_M_S, Encounter, encounters
+from gcs.core.separation.look_ahead import GROWTH_M_S, LOOK_AHEAD_S, Encounter, encounters
 from gcs.core.separation.minima import (
     AIRCRAFT_HEIGHT_M,
     AIRCRAFT_M,
@@ -35,7 +35,6 @@ from gcs.mavlink.autopilots.modes import LOITER
 from gcs.mavlink.services.retry import ns
 from gcs.model import NS_PER_S, Effect, Notice, NoticeCode, Parameter, VehicleState
 
-LOOK_AHEAD_S: Final = 25.0
 WARNING_TIMES_S: Final = (LOOK_AHEAD_S, 10.0)
 """Times before a loss of separation at which it is told."""
 _PERIOD_NS: Final = ns(1.0)

@@ -27,7 +27,7 @@ from gcs.core.separation.forward_flight import (
 )
 from gcs.core.separation.ground_ahead import GroundAhead
 from gcs.core.separation.intents import Intents
-from gcs.core.separation.look_ahead import encounters
+from gcs.core.separation.look_ahead import LOOK_AHEAD_S, encounters
 from gcs.core.separation.minima import PREDICTED_SHARE, layer_step_m, min_distance_m
 from gcs.core.separation.predicted_flights import PredictedFlights
 from gcs.core.separation.zones_ahead import ZonesAhead
@@ -36,12 +36,11 @@ from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.model import FloatArray, Route, VehicleState, vehicle_name
 from gcs.planning.route_progress import points_within
 
-_AHEAD_S: Final = 25.0
 _STEPS: Final = 50
 _MAX_STEP_S: Final = 1.0
 """Vehicles that meet head on come nearer by twice their speed in a second."""
 _MIN_POINTS: Final = 8
-"""Points of a new mission that count, or more if these are flown in less than `_AHEAD_S`."""
+"""Points of a new mission that count, or more if these are flown in less than `LOOK_AHEAD_S`."""
 _GROWTH_M: Final = 20.0
 """Growth of the minimum distance up to the end of a simulation."""
 _CLEAR: Final = 1.5
@@ -156,7 +155,7 @@ class OrderCheck:
         """Return how far a flight goes below and above the flight band; a landing does so by intent."""
         if any(goal.kind is GoalKind.LAND for goal in flight.goals):
             return -math.inf, -math.inf
-        return self._ground.off_band_m(flight, _AHEAD_S, lag_s)
+        return self._ground.off_band_m(flight, LOOK_AHEAD_S, lag_s)
 
     def should_hold_before_zone(self, vehicle: int, flights: PredictedFlights) -> bool:
         """Return True if a flight leads into a zone, and a hold is clear of areas, the ground and others."""
@@ -214,7 +213,7 @@ class OrderCheck:
             Routes of missions that others are getting now; these count beside their present flights.
         """
         within_m = _MISSION_MARGIN * self._min_m + 2.0 * _GROWTH_M
-        flying = self.intents.flying_near(route.vehicle, _AHEAD_S, within_m, t_ns)
+        flying = self.intents.flying_near(route.vehicle, LOOK_AHEAD_S, within_m, t_ns)
         near = {state.system_id: state for state in flying}
         state = near.pop(route.vehicle, None)
         if state is None or self.intents.is_climbing_out(state):
@@ -251,7 +250,7 @@ class OrderCheck:
 
     def _led(self, state: VehicleState, route: Route, t_ns: int) -> Flight:
         """Return the begin of the flight on a route that a vehicle gets now."""
-        reach_m = self.intents.reach_m(state, _AHEAD_S)
+        reach_m = self.intents.reach_m(state, LOOK_AHEAD_S)
         count = points_within(route.flown_m, (state.east_m, state.north_m), reach_m)
         legs = self._legs(route, route.flown_m[: max(count, _MIN_POINTS)])
         climb = tuple(self.intents.first_climb(state, legs[0].height_m))
@@ -290,15 +289,15 @@ class OrderCheck:
         others = self._others(vehicle, flights)
         if any(self._overlapping(hold, others)):
             return False
-        reach_m = self.intents.reach_m(state, _AHEAD_S) + _HOLD_MARGIN * self._min_m
+        reach_m = self.intents.reach_m(state, LOOK_AHEAD_S) + _HOLD_MARGIN * self._min_m
         place_m = (state.east_m, state.north_m)
         near = [
             one
             for one in others
-            if math.dist(place_m, (one.east_m, one.north_m)) <= reach_m + one.reach_m(_AHEAD_S)
+            if math.dist(place_m, (one.east_m, one.north_m)) <= reach_m + one.reach_m(LOOK_AHEAD_S)
         ]
-        own = before.joined(simulate_flights([hold], _AHEAD_S - after_s))
-        paths = own.beside(simulate_flights(near, _AHEAD_S))
+        own = before.joined(simulate_flights([hold], LOOK_AHEAD_S - after_s))
+        paths = own.beside(simulate_flights(near, LOOK_AHEAD_S))
         found = encounters(paths, _HOLD_MARGIN * self._min_m, self._min_height_m, growth_m_s=0.0)
         return not any(vehicle in one.vehicles for one in found)
 
@@ -413,7 +412,7 @@ class OrderCheck:
         from_s: float = 0.0,
     ) -> Iterator[_Conflict]:
         """Yield the vehicles that a flight comes near to, from some time on."""
-        for_s = _AHEAD_S
+        for_s = LOOK_AHEAD_S
         if is_return:  # up to its place, and once round
             for_s = min(for_s + own.round_s, MAX_ROUND_S)
         step_s = min(max(for_s / _STEPS, 0.5), _MAX_STEP_S)

@@ -1,4 +1,4 @@
-"""Reading of UDP sockets, many datagrams per system call.
+"""Reading of UDP sockets, many datagrams per system call, each up to a greatest size.
 
 `recvmmsg` (Linux, https://man7.org/linux/man-pages/man2/recvmmsg.2.html) reads up to 256 datagrams per call.
 A flood is batched by sender (`gcs.mavlink.frames.batches`). Other systems read one by one.

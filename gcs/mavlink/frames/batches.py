@@ -1,4 +1,4 @@
-"""Batches of datagrams by sender, and their greatest size, so that a flood costs the service few events.
+"""Batches of the datagrams of a sender, up to a size, so that a flood costs the service few events.
 
 Datagrams of one wake-up are concatenated by sender, in order, up to the size of a radio's datagram. Only
 datagrams that consist of good frames of known ids are concatenated, so that a scan of the batch finds the
