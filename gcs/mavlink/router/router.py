@@ -84,7 +84,7 @@ class PortCounters:
     """Of these, sent on to vehicles."""
     sent: int = 0
     """Vehicles' frames sent to clients there, each client counted."""
-    refused: Counter[str] = field(default_factory=Counter)
+    refused: dict[str, int] = field(default_factory=Counter)
     """Frames refused, by reason."""
 
 
