@@ -1368,6 +1368,12 @@ class NoticeCode(TableCode):
         "four fifths of `recording.max_gb` are used, or the disk nears `recording.min_free_mb`",
         "free the disk now: nothing is deleted automatically",
     )
+    DISK_FREE = _link(
+        "disk-free",
+        _I,
+        "disk space suffices again: {folder} has {used_gb:.2f} GB, its disk {free_mb:.0f} MB free",
+        ends="disk-low",
+    )
     JOURNAL_UNWRITTEN = _link(
         "journal-unwritten",
         _A,
