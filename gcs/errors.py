@@ -60,6 +60,10 @@ class ConfigError(GcsError):
         return first
 
 
+class TerrainFileError(GcsError):
+    """A file of an elevation model cannot be used; its text continues "davos.tif: ..."."""
+
+
 class LinkError(GcsError):
     """A link cannot be opened or used; ``endpoint`` names it."""
 

@@ -20,11 +20,10 @@ from typing import TypeAlias
 
 import numpy as np
 
-from gcs.area_corners import corner_error
 from gcs.config import Config
 from gcs.config.schema import MIN_RALLY_M, RallyTable
 from gcs.errors import ConfigError
-from gcs.geo import LocalFrame
+from gcs.geo import LocalFrame, corner_error
 from gcs.model import UNLIMITED, FloatArray, VerticalLimits
 
 Place: TypeAlias = tuple[float, float]

@@ -10,6 +10,7 @@ Bearings, courses and headings are clockwise from north, in radians, as aviation
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -18,6 +19,7 @@ import numpy as np
 
 _SEMI_MAJOR_M: Final = 6_378_137.0
 _SEMI_MINOR_M: Final = 6_356_752.31424518
+_MIN_CORNERS: Final = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,3 +107,12 @@ def wrap_pi(angle_rad: float) -> float:
 def bearing_rad(east_from_m: float, north_from_m: float, east_to_m: float, north_to_m: float) -> float:
     """Bearing from one local point to another, clockwise from north, in (-pi, pi]."""
     return math.atan2(east_to_m - east_from_m, north_to_m - north_from_m)
+
+
+def corner_error(corners: Collection[object]) -> str:
+    """Return what is wrong with the corners of an area; empty if nothing.
+
+    Pass a set where repeated corners count once.
+    """
+    count = len(corners)
+    return "" if count >= _MIN_CORNERS else f"expected at least three different corners, got {count}"

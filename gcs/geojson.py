@@ -21,9 +21,8 @@ from typing import Any, TypeAlias
 
 import msgspec
 
-from gcs.area_corners import corner_error
 from gcs.errors import ConfigError
-from gcs.geo import LocalFrame
+from gcs.geo import LocalFrame, corner_error
 from gcs.model import UNLIMITED, VerticalLimits, vertical_limits
 
 Position: TypeAlias = tuple[float, float]

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from gcs.area_corners import corner_error
 from gcs.config.mission_file import Config
 from gcs.config.schema import (
     AgentTable,
@@ -17,11 +16,11 @@ from gcs.config.schema import (
     link_of,
 )
 from gcs.endpoints import Link, is_loopback
-from gcs.errors import ConfigError, LinkError
+from gcs.errors import ConfigError, LinkError, TerrainFileError
+from gcs.geo import corner_error
 from gcs.geojson import read_zones
 from gcs.model import vehicle_name
 from gcs.terrain.elevation_text import decode_model, is_model_text
-from gcs.terrain.problem import TerrainFileError
 
 _MIN_BAND_M = 20.0
 """Minimum height of the flight band: autopilots keep an altitude to some metres."""

@@ -13,12 +13,11 @@ import msgspec
 
 from gcs.config.schema import FrameTable, MapTable, TerrainTable
 from gcs.config.validation import convert
-from gcs.errors import ConfigError
+from gcs.errors import ConfigError, TerrainFileError
 from gcs.files import read_text as read_file
 from gcs.geo import LocalFrame
 from gcs.geojson import read_zones
 from gcs.terrain.elevation_text import encode_model, is_model_text
-from gcs.terrain.problem import TerrainFileError
 
 _GEOJSON = re.compile(
     r"""^[ \t]*(?:map\.)?geojson[ \t]*=[ \t]*(?P<value>"(?P<basic>[^"\\\n]*)"|'(?P<literal>[^'\n]*)')""",

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from collections.abc import Mapping
 from enum import StrEnum
-from typing import Any, Self
+from typing import Self, TypeAlias
+
+Entry: TypeAlias = tuple[str, Mapping[str, object]]
+"""Code, and the attributes of its member."""
 
 
 class TableCode(StrEnum):
-    """Code whose entry is a dataclass: `code` is the value, its other fields are attributes of the member."""
+    """Code whose members are made from entries."""
 
-    def __new__(cls, entry: Any) -> Self:
+    def __new__(cls, code: str, attributes: Mapping[str, object]) -> Self:
         """Make a member from its entry."""
-        member = str.__new__(cls, entry.code)
-        member._value_ = entry.code
-        for field in fields(entry):
-            if field.name != "code":
-                setattr(member, field.name, getattr(entry, field.name))
+        member = str.__new__(cls, code)
+        member._value_ = code
+        for name, value in attributes.items():
+            setattr(member, name, value)
         return member

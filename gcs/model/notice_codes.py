@@ -11,12 +11,11 @@ same subject. Parameters in `by` belong to its identity: two parameters of one v
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from typing import Final, Literal, TypeAlias
 
 from gcs.model.basics import Level
-from gcs.model.code_table import TableCode
+from gcs.model.code_table import Entry, TableCode
 
 About: TypeAlias = Literal["vehicle", "sensor", "link", "mission"]
 """Kind of a notice's subject; "link" also stands for outputs and parts of the service."""
@@ -24,18 +23,6 @@ About: TypeAlias = Literal["vehicle", "sensor", "link", "mission"]
 _A: Final[Level] = "alarm"
 _W: Final[Level] = "warning"
 _I: Final[Level] = "info"
-
-
-@dataclass(frozen=True, slots=True)
-class _Entry:
-    code: str
-    level: Level
-    about: About
-    text: str
-    meaning: str = ""
-    action: str = ""
-    ends: tuple[str, ...] = ()
-    by: tuple[str, ...] = ()
 
 
 def _entry(
@@ -48,9 +35,15 @@ def _entry(
     *,
     ends: str = "",
     by: str = "",
-) -> _Entry:
+) -> Entry:
     """Return the entry of a code; `ends` and `by` are words with spaces between."""
-    return _Entry(code, level, about, text, meaning, action, tuple(ends.split()), tuple(by.split()))
+    texts = {"text": text, "meaning": meaning, "action": action}
+    return code, {
+        "level": level,
+        "about": about,
+        "ends": tuple(ends.split()),
+        "by": tuple(by.split()),
+    } | texts
 
 
 _vehicle = partial(_entry, "vehicle")
@@ -1374,6 +1367,12 @@ class NoticeCode(TableCode):
         "{max_gb:.6g} GB, or {min_free_mb:.0f} MB free: free disk space",
         "four fifths of `recording.max_gb` are used, or the disk nears `recording.min_free_mb`",
         "free the disk now: nothing is deleted automatically",
+    )
+    DISK_FREE = _link(
+        "disk-free",
+        _I,
+        "disk space suffices again: {folder} has {used_gb:.2f} GB, its disk {free_mb:.0f} MB free",
+        ends="disk-low",
     )
     JOURNAL_UNWRITTEN = _link(
         "journal-unwritten",

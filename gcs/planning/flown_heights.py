@@ -45,5 +45,4 @@ def lowest_heights_m(
     linear = np.clip(along_m / np.maximum(lengths_m, 1e-9), 0.0, 1.0)
     early = np.clip(along_m / np.maximum(lengths_m - EARLY_M, 1e-9), 0.0, 1.0)
     share = np.where(changes_m > 0.0, linear, early)
-    lowest: FloatArray = heights_m[parts] + share * changes_m
-    return lowest
+    return heights_m[parts] + share * changes_m

@@ -190,8 +190,7 @@ class RouteSearch:
             if not clear_leg(self._grid.blocked, x, y, to_x, to_y, 0.0, -1):
                 waypoints[end] = cells(self.smap, nodes[[end]])
         is_new = np.append(True, (np.diff(waypoints, axis=0) != 0.0).any(axis=1))[: len(waypoints)]
-        distinct: FloatArray = waypoints[is_new]
-        return distinct
+        return waypoints[is_new]
 
     def _in_metres(
         self, shaped: ShapedPath, place_m: FloatArray, is_inside: bool, grid_length_m: float

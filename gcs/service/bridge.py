@@ -11,6 +11,7 @@ import asyncio
 import contextlib
 import secrets
 from collections.abc import Callable
+from copy import deepcopy
 from functools import partial
 from typing import Final
 
@@ -24,10 +25,8 @@ from gcs.io.cluster.bridge_messages import (
     BridgeStatus,
     ClockTime,
     Down,
-    GateCounters,
     Message,
     Packet,
-    StationCounters,
     Up,
     decode,
     encode,
@@ -228,18 +227,10 @@ class Bridge:
             ports=links.ports(),
             unsent=links.unsent(),
             stations=links.ground_stations(t_ns),
-            counters={
-                name: StationCounters(
-                    frames=one.frames, passed=one.passed, sent=one.sent, refused=dict(one.refused)
-                )
-                for name, one in links.counters().items()
-            },
+            counters=deepcopy(links.counters()),
             keyed_links=tuple(link.name for link in links.links if links.is_keyed(link.name)),
             keyed_vehicles=keyed,
-            signing={
-                name: GateCounters(verified=one.verified, signed=one.signed, rejected=dict(one.rejected))
-                for name, one in links.signing_counters().items()
-            },
+            signing=deepcopy(dict(links.signing_counters())),
         )
         self._publish("status", status)
 

@@ -12,9 +12,9 @@ import numpy as np
 from pyproj import CRS, Transformer
 from pyproj.exceptions import ProjError
 
+from gcs.errors import TerrainFileError
 from gcs.geo import LocalFrame
 from gcs.model import FloatArray
-from gcs.terrain.problem import TerrainFileError
 
 VerticalDatum = Literal["msl", "ellipsoid"]
 

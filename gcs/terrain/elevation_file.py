@@ -19,13 +19,13 @@ import numpy.typing as npt
 from pyproj import Transformer
 from scipy.ndimage import maximum_filter
 
+from gcs.errors import TerrainFileError
 from gcs.geo import LocalFrame
 from gcs.model import FloatArray
 from gcs.terrain.datum import VerticalDatum, ellipsoid_to_msl, frame_to_degrees, geoid_heights_m
 from gcs.terrain.elevation_grid import Elevation
 from gcs.terrain.elevation_text import ElevationModel
 from gcs.terrain.grid_nodes import MAX_NODES, Nodes, cut_margin
-from gcs.terrain.problem import TerrainFileError
 from gcs.terrain.raster import Raster, open_raster
 
 MARGIN_M: Final = 500.0

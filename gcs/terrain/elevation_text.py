@@ -18,10 +18,10 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from gcs.errors import TerrainFileError
 from gcs.model import FloatArray
 from gcs.terrain.elevation_grid import Elevation
 from gcs.terrain.grid_nodes import MAX_NODES
-from gcs.terrain.problem import TerrainFileError
 
 _UNITS_PER_M: Final = 10.0
 _MIN_UNITS: Final = -5_000 - 1

@@ -17,10 +17,10 @@ import rasterio
 from pyproj import CRS
 from rasterio.windows import Window
 
+from gcs.errors import TerrainFileError
 from gcs.files import open_regular
 from gcs.model import FloatArray
 from gcs.terrain.datum import VerticalDatum, check_vertical_datum, degrees_to_file
-from gcs.terrain.problem import TerrainFileError
 
 MIN_HEIGHT_M: Final = -500.0
 MAX_HEIGHT_M: Final = 9000.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
 from playwright.sync_api import expect
 
 from gcs.console.web.console_access import Access
@@ -10,7 +9,6 @@ from gcs.console.web.console_access import Access
 OPERATE = "operate-0123456789"
 
 
-@pytest.mark.real_time
 def test_the_console_has_no_violation_that_axe_finds(fly, launch, page, problems):
     with fly() as flight:
         vehicles = launch(flight)

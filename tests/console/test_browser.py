@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from helpers.processes import GCS
-from playwright.sync_api import expect
+from playwright.sync_api import WebSocketRoute, expect
 
 from gcs.config import read_text
 
@@ -156,3 +158,35 @@ def test_every_action_of_the_page_has_its_effect_in_the_vehicles(demo, page):
     page.keyboard.press("Shift+Space")
     for vehicle in (1, 2, 3, 4):
         expect(page.locator(f'tr[data-id="{vehicle}"] .c-authority')).to_have_text("held")
+
+    for action, answer in (
+        ("arm", "is armed"),
+        ("disarm", "is in the air"),
+        ("ready", "has neither landed nor come down"),
+    ):
+        page.locator(f'[data-action="{action}"]').click()
+        page.get_by_role("dialog").locator(".danger").click()
+        expect(result).to_contain_text(f"{action}: 3 refused: {answer}")
+    given = {"hold", "resume", "return", "arm", "disarm", "ready", "zone", "hold-all"}
+    buttons = page.locator("[data-action]").evaluate_all("all => all.map(one => one.dataset.action)")
+    assert set(buttons) == given | {"continue"}
+
+
+def test_the_mission_that_has_ended_is_continued(fly, page):
+    """The page is told of an end, the service not: it answers that there is none."""
+
+    def with_end(socket: WebSocketRoute) -> None:
+        server = socket.connect_to_server()
+        server.on_message(lambda data: socket.send(told(json.loads(data))))
+
+    def told(message: dict[str, Any]) -> bytes:
+        if "head" in message:
+            message["head"]["ended"] = True
+        return json.dumps(message).encode()
+
+    page.route_web_socket("**/feed", with_end)
+    with fly() as flight:
+        page.goto(flight.url)
+        page.get_by_role("button", name="Continue mission").click()
+        result = page.locator("#commands .result")
+        expect(result).to_have_text("continue: refused: the mission has not ended")

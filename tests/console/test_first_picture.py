@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import time
 
-import pytest
 from playwright.sync_api import expect
 
 from gcs.console.web.static_files import script
@@ -52,7 +51,6 @@ def test_the_first_picture_is_made_while_the_browser_loads_the_page(fly, launch)
             time.sleep(0.01)
 
 
-@pytest.mark.real_time
 def test_a_console_that_is_opened_again_loads_nothing_but_the_page(fly, page):
     with fly() as flight:
         sizes = "performance.getEntriesByType('resource').map((one) => [one.name, one.transferSize])"

@@ -8,12 +8,16 @@ import re
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
+import msgspec
 import pytest
 from playwright.sync_api import expect
 
 from gcs.console.web import preflight_run
 from gcs.console.web.preflight_run import PreflightDesk
+from gcs.core.preflight.check_codes import CheckCode
+from gcs.core.preflight.result import CheckRow, PreflightResult
 
 PRINTS = 'import time, sys; time.sleep(0.2); print(\'{"mission": "a", "refused": 2}\')'
 FAILS = "import sys; sys.exit('no endpoint for other ground stations')"
@@ -45,6 +49,36 @@ def test_nothing_is_started_where_there_is_no_mission_file(fly):
     with fly() as flight:
         code, body, _ = flight.request("/api/preflight", {})
         assert (code, json.loads(body)) == (200, {"possible": False, "running": False, "result": None})
+
+
+def test_checks_are_started_on_the_page_and_what_they_refuse_is_shown(fly, page, monkeypatch):
+    passed = CheckRow(vehicle=3, name="GPS", code=CheckCode.FIX, level="ok", value="3D fix, 12 satellites")
+    failed = CheckRow(
+        vehicle=3,
+        name="link",
+        code=CheckCode.NOT_HEARD,
+        level="refused",
+        value="not heard",
+        wanted="heartbeats",
+        remedy="is it on?",
+    )
+    found = PreflightResult(mission="prescribed", refused=1, checks=(passed, failed))
+    printed = f"print({msgspec.json.encode(found).decode()!r})"
+    monkeypatch.setattr(preflight_run, "_COMMAND", (sys.executable, "-c", printed))
+    with fly() as flight:
+        flight._source = replace(flight._source, mission_file="mission.toml")
+        flight.restart_console()
+        page.goto(flight.url)
+        with page.expect_popup() as opened:
+            page.get_by_role("link", name="Preflight").click()
+        shown = opened.value
+        shown.get_by_role("button", name="Check now").click()
+        expect(shown.locator("#verdict")).to_contain_text("1 refused: do not fly, 0 warnings")
+        expect(shown.locator("h2")).to_have_text("Vehicle 3: 1 of 2 checks not ok")
+        rows = shown.locator("table.checks tr")
+        expect(rows).to_have_text(["linkrefusednot heardexpected: heartbeatsis it on?"])
+        shown.get_by_label("problems only").uncheck()
+        expect(rows).to_have_count(2)
 
 
 @pytest.mark.real_time

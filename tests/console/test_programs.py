@@ -4,6 +4,8 @@ import json
 import re
 from pathlib import Path
 
+import msgspec
+import pytest
 from starlette.routing import Route
 
 from gcs.console.web.console_access import Access
@@ -11,6 +13,8 @@ from gcs.console.web.openapi import description
 from gcs.console.web.static_files import StaticFiles
 from gcs.console.web.token_attempts import Attempts
 from gcs.console.web.web_routes import described_routes
+from gcs.core.preflight.check_codes import CheckCode
+from gcs.model import NoticeCode
 
 
 def test_status_plan_metrics_and_their_description(fly):
@@ -25,6 +29,15 @@ def test_status_plan_metrics_and_their_description(fly):
         assert {"/api/status", "/api/plan", "/api/orders", "/metrics"} <= api["paths"].keys()
         fields = api["components"]["schemas"]["AgentRecord"]["properties"]
         assert fields.keys() == json.loads(body)["agents"][0].keys()
+
+
+@pytest.mark.parametrize(
+    ("record", "codes"),
+    [("LogEntry", ["", *NoticeCode]), ("Mark", ["", *NoticeCode]), ("CheckRow", [*CheckCode])],
+)
+def test_the_description_lists_the_codes_of_notices_and_checks(record, codes):
+    schema = json.loads(msgspec.json.encode(description()))["components"]["schemas"][record]
+    assert schema["properties"]["code"]["enum"] == [str(code) for code in codes]
 
 
 def test_the_program_in_the_documentation_holds_a_vehicle(fly, capsys):

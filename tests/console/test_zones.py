@@ -35,7 +35,6 @@ def closed(flight) -> dict[str, VerticalLimits]:
     return {name: zone.limits for name, zone in flight.service.engine.state.airspace.zones.items()}
 
 
-@pytest.mark.real_time
 def test_an_area_is_closed_at_the_heights_that_were_typed(fly, launch, page) -> None:
     with fly() as flight:
         launch(flight)
@@ -78,7 +77,6 @@ def test_an_area_is_closed_at_the_heights_that_were_typed(fly, launch, page) -> 
         expect(page.locator("#profile .legend")).not_to_contain_text("no-fly zones")
 
 
-@pytest.mark.real_time
 def test_what_was_typed_stays_while_the_area_is_drawn(fly, page) -> None:
     with fly() as flight:
         page.goto(flight.url)

@@ -5,6 +5,7 @@ import re
 import shutil
 import stat
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -128,6 +129,21 @@ def test_a_disk_keeps_space_for_the_journal(tmp_path: Path, monkeypatch: pytest.
     journal = Journal(tmp_path / "x.journal", "x", "y")
     journal.write(WRITTEN)
     assert journal.read() is not None
+
+
+def test_the_alarm_of_low_disk_space_ends_when_the_disk_is_cleared(tmp_path, monkeypatch) -> None:
+    notices: list[Notice] = []
+    disk = SimpleNamespace(f_frsize=1, f_bavail=0)
+    monkeypatch.setattr(os, "statvfs", lambda _: disk)
+    with Recorder(tmp_path / "run", "name = 'x'", {}, None, DiskBudget(min_free_bytes=200e6)) as recorder:
+        recorder.notify = lambda code, **parameters: notices.append(Notice(0, code, "recording", parameters))
+        for number, free in enumerate((5_000_000_000, 900_000_000, 800_000_000, 5_000_000_000)):
+            disk.f_bavail = free
+            recorder.record_event(Datagram(number, "udp", "a:1", b"x"))
+            recorder.flush()
+    low, over = notices
+    assert (low.code, low.level) == (NoticeCode.DISK_LOW, "alarm")
+    assert low.key in over.ended
 
 
 @pytest.mark.parametrize("how", ["deleted", "moved"])

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from gcs.config import parse, read_text
 from gcs.core.state import State
@@ -20,6 +21,28 @@ def short_mission(folder: Path) -> Path:
     file = folder / "short.toml"
     file.write_text(text)
     return file
+
+
+class FreeSky:
+    """Stands in for all that delays or refuses a mission: nothing does."""
+
+    def climb(self, _vehicle: int, _layer: int, *, in_takeoff: bool) -> None:
+        return None
+
+    def problem(self, *_: object) -> None:
+        return None
+
+    def flight_problem(self, *_: object) -> None:
+        return None
+
+    def holds_back(self, *_: object) -> str:
+        return ""
+
+    def is_known_to_wait(self, *_: object) -> bool:
+        return False
+
+    def last_checked_t_ns(self, _vehicle: int) -> int:
+        return 0
 
 
 def upload_manager(
@@ -45,4 +68,6 @@ north_m = 500.0
     state = State.initial(vehicles)
     for vehicle, agent in state.agents.items():
         agent.link = fleet._vehicles[vehicle].link
-    return UploadManager(parse(text, "uploads.toml"), fleet, state.agents, state.tasking)
+    config = parse(text, "uploads.toml")
+    free: Any = FreeSky()
+    return UploadManager(config, fleet, state.agents, state.tasking, free, free, free, free)

@@ -16,11 +16,11 @@ import pytest
 import rasterio
 from helpers.ground_files import FRAME, NORTH_M, SIZE_M, UTM, WEST_M, slope, slope_at, write_ground
 
+from gcs.errors import TerrainFileError
 from gcs.geo import LocalFrame
 from gcs.terrain import elevation_file
 from gcs.terrain.elevation_file import read_elevation_model
 from gcs.terrain.elevation_text import decode_model
-from gcs.terrain.problem import TerrainFileError
 
 WITH_GEOID = """
 import sys

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from gcs.errors import TerrainFileError
 from gcs.terrain.elevation_grid import Elevation
 from gcs.terrain.elevation_text import ElevationModel, decode_model, encode_model
-from gcs.terrain.problem import TerrainFileError
 
 HEIGHTS = arrays(np.float64, st.tuples(st.integers(2, 9), st.integers(2, 9)), elements=st.floats(-500, 9000))
 

@@ -9,7 +9,7 @@ from typing import Final
 from rich.console import Console
 
 from gcs.cli.analyse.foxglove_file import write_mcap
-from gcs.cli.analyse.info import reading_progress
+from gcs.cli.analyse.info import PROGRESS_PERIOD, reading_progress
 from gcs.config import Config, load, parse
 from gcs.errors import ConfigError, RecordingError
 from gcs.fence import areas_of
@@ -36,8 +36,6 @@ _FORMATS: Final[dict[str, Callable[[RunMap], str]]] = {
     ".gpx": gpx_text,
 }
 _READ: Final = (Datagram, Plan, Picture, AgentStatus, Notice)
-_PROGRESS_PERIOD: Final = 4096
-"""Parts of a log between updates of the progress bar."""
 
 
 def write_export(path: Path, out: Path, console: Console, *, config: str | None, force: bool) -> None:
@@ -156,7 +154,7 @@ def _logged(path: Path, console: Console) -> Iterator[tuple[int, Frame]]:
     with open_telemetry(path) as file, reading_progress(console, path, path.stat().st_size) as advance:
         clock = LogClock()
         for number, part in enumerate(read_log(file)):
-            if number % _PROGRESS_PERIOD == 0:
+            if number % PROGRESS_PERIOD == 0:
                 advance(part.offset)
             if not isinstance(part, LogFrame):
                 bad_bytes += part.length

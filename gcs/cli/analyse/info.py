@@ -37,7 +37,7 @@ _MAX_NAMES: Final = 10_000
 """Sensors and vehicles that are counted; later ones are ignored."""
 _MIN_PROGRESS_BYTES: Final = 4_000_000
 """File size from which on a progress bar is shown."""
-_PROGRESS_PERIOD: Final = 4096
+PROGRESS_PERIOD: Final = 4096
 """Parts of a log between updates of the progress bar."""
 
 
@@ -167,7 +167,7 @@ def _log(path: Path, console: Console) -> dict[str, Any]:
     with open_telemetry(path) as file, reading_progress(console, path, size) as advance:
         clock = LogClock()
         for number, part in enumerate(read_log(file)):
-            if number % _PROGRESS_PERIOD == 0:
+            if number % PROGRESS_PERIOD == 0:
                 advance(part.offset)
             if isinstance(part, UnreadableBytes):
                 stretches += 1

@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 from rich.console import Console
 
-from gcs.cli.analyse.info import reading_progress
+from gcs.cli.analyse.info import PROGRESS_PERIOD, reading_progress
 from gcs.cli.analyse.run_file import RunFile
 from gcs.cli.run_setup import warm_up
 from gcs.cli.warm_up_progress import flying
@@ -43,8 +43,6 @@ from gcs.report.telemetry.message_statistics import Traffic
 from gcs.service.foreign_logs import DetectionFile
 
 CSV_NAME: Final = "tracks.csv"
-_PROGRESS_PERIOD: Final = 4096
-"""Parts of a log between updates of the progress bar."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,7 +208,7 @@ class _Reading:
         with open_telemetry(path) as file, reading_progress(self.console, path, size) as advance:
             clock = LogClock()
             for number, part in enumerate(read_log(file)):
-                if number % _PROGRESS_PERIOD == 0:
+                if number % PROGRESS_PERIOD == 0:
                     advance(part.offset)
                 if not isinstance(part, LogFrame):
                     stretches += 1

@@ -7,28 +7,19 @@ changed since the last one of a console are left out: map, no-fly zones, routes,
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final, get_args
+from typing import Any, Final, get_args, get_type_hints
 
 import msgspec
 from msgspec import UNSET, Raw, UnsetType
 
 from gcs.console.view.capture import Capture, same_routes
 from gcs.console.view.news import News, NewsRequest
-from gcs.console.view.page_records import MissionInfo, ObstacleMap, ServiceState, VehicleDetail, Work
+from gcs.console.view.page_records import VehicleDetail
 from gcs.errors import WireError
 from gcs.io.message_pack import decode, decoder, encoder
 from gcs.model import (
     Effect,
-    IntArray,
-    LaggedPicture,
-    NoFlyZone,
     Order,
-    Picture,
-    Proposal,
-    Route,
-    Scan,
-    SwarmStatus,
-    VehicleState,
 )
 
 _MAX_REQUEST_BYTES: Final = 4096
@@ -41,42 +32,31 @@ class DetailRequest(msgspec.Struct, frozen=True):
     verified: tuple[int, int] = (0, 0)
 
 
-class _Captured(msgspec.Struct, frozen=True, kw_only=True):
-    """A capture, without the parts that have not changed."""
+_COMPARED: Final[dict[str, Callable[[Any, Any], bool]]] = {
+    "routes": same_routes,
+    "proposal": lambda one, other: one is other,
+    "map": lambda one, other: one is other,
+    "zones": lambda one, other: one == other,
+}
+"""Parts of a capture that are sent when they have changed."""
 
-    number: int
-    t_ns: int
-    status: SwarmStatus
-    telemetry: IntArray
-    service: ServiceState | None
-    routes: tuple[Route, ...] | UnsetType = UNSET
-    proposal: Proposal | UnsetType | None = UNSET
-    map: ObstacleMap | UnsetType = UNSET
-    zones: tuple[NoFlyZone, ...] | UnsetType = UNSET
+_Captured: Final = msgspec.defstruct(
+    "_Captured",
+    [
+        (name, kind | UnsetType, UNSET) if name in _COMPARED else (name, kind)
+        for name, kind in get_type_hints(Capture).items()
+    ],
+    kw_only=True,
+)
+"""A capture, without the parts that have not changed."""
 
-
-class _News(msgspec.Struct, frozen=True, kw_only=True):
-    """The fields of `News`; each effect has the name of its type."""
-
-    run: str
-    cursor: int
-    begins_anew: bool
-    has_more: bool
-    t_ns: int
-    start_t_ns: int | None
-    begun_t_ns: int | None
-    mission: MissionInfo | None
-    effects: list[tuple[int, str, Raw]]
-    scans: list[Scan]
-    pictures: list[Picture]
-    lagged: list[LaggedPicture]
-    passed: list[tuple[VehicleState, ...]]
-    work: list[tuple[int, Work, float]]
-    capture: _Captured | None
+_OTHERWISE: Final = {"effects": list[tuple[int, str, Raw]], "capture": _Captured | None}
+_News: Final = msgspec.defstruct("_News", list((get_type_hints(News) | _OTHERWISE).items()))
+"""The fields of `News`; each effect has the name of its type."""
 
 
 _encode: Final = encoder().encode
-_news: Final[msgspec.msgpack.Decoder[_News]] = decoder(_News)
+_news: Final = decoder(_News)
 _request: Final = msgspec.msgpack.Decoder(NewsRequest)
 _detail_request: Final = msgspec.msgpack.Decoder(DetailRequest)
 _detail: Final = msgspec.msgpack.Decoder(VehicleDetail | None)
@@ -170,15 +150,6 @@ class NewsEncoder:
                 self._changed[name] = (capture.number, Raw(_encode(value)))
 
 
-_COMPARED: Final[dict[str, Callable[[Any, Any], bool]]] = {
-    "routes": same_routes,
-    "proposal": lambda one, other: one is other,
-    "map": lambda one, other: one is other,
-    "zones": lambda one, other: one == other,
-}
-"""Parts of a capture that are sent when they have changed."""
-
-
 def decode_news(payload: bytes, last: Capture | None) -> News:
     """Return news.
 
@@ -205,7 +176,7 @@ def decode_news(payload: bytes, last: Capture | None) -> News:
     return News(**{**fields, "effects": effects, "capture": captured})
 
 
-def _completed(found: _Captured, last: Capture | None) -> Capture:
+def _completed(found: Any, last: Capture | None) -> Capture:
     """Return a capture, with what was left out."""
     fields = {name: getattr(found, name) for name in _Captured.__struct_fields__}
     missing = [name for name, value in fields.items() if value is UNSET]

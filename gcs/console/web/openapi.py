@@ -18,8 +18,9 @@ from gcs.console.view.page_records import (
     VehicleDetail,
 )
 from gcs.console.web.playback_control import PlaybackRequest
+from gcs.core.preflight.check_codes import CheckCode
 from gcs.io.zenoh.order_messages import OrderMessage
-from gcs.model import SwarmStatus
+from gcs.model import NoticeCode, SwarmStatus
 
 _REFERENCE: Final = "#/components/schemas/{name}"
 _RECORDS: Final = (
@@ -42,6 +43,12 @@ def description() -> dict[str, Any]:
     schemas, components = msgspec.json.schema_components(
         _RECORDS, schema_hook=_points, ref_template=_REFERENCE
     )
+    for record, codes in (
+        ("LogEntry", ["", *NoticeCode]),
+        ("Mark", ["", *NoticeCode]),
+        ("CheckRow", [*CheckCode]),
+    ):
+        components[record]["properties"]["code"]["enum"] = codes
     order, playback, status, plan, vehicle, answers, preflight, marks, charts, feed, error = schemas
     waits = {"name": "wait_s", "in": "query", "schema": {"type": "number", "maximum": 60}}
     after = {"name": "after", "in": "query", "schema": {"type": "integer", "minimum": 0}}

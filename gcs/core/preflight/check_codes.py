@@ -6,29 +6,22 @@ parameters. Value, wanted and remedy are templates (`gcs.model.templates`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from typing import Final, Literal, TypeAlias
 
-from gcs.model.code_table import TableCode
+from gcs.model.code_table import Entry, TableCode
 
 CheckLevel: TypeAlias = Literal["ok", "warning", "refused"]
 """Refused: do not fly."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Entry:
-    level: CheckLevel
-    code: str
-    check: str
-    found: str
-    wanted: str = ""
-    remedy: str = ""
+def _entry(level: CheckLevel, code: str, check: str, found: str, wanted: str = "", remedy: str = "") -> Entry:
+    return code, {"level": level, "check": check, "found": found, "wanted": wanted, "remedy": remedy}
 
 
-_ok = partial(_Entry, "ok")
-_warning = partial(_Entry, "warning")
-_refused = partial(_Entry, "refused")
+_ok = partial(_entry, "ok")
+_warning = partial(_entry, "warning")
+_refused = partial(_entry, "refused")
 
 _LINK: Final = "{liveness} at {address}, {lost_percent:.0f} % lost"
 _LINK_WANTED: Final = "alive, < 10 % lost"

@@ -44,7 +44,7 @@ class TakeoffSequence:
         fleet: Fleet,
         onboard_missions: OnboardMissions,
         state: State,
-        traffic: ClimbTraffic | None = None,
+        traffic: ClimbTraffic,
     ) -> None:
         self._traffic = traffic
         self._config = config
@@ -96,7 +96,7 @@ class TakeoffSequence:
     def _crossing(self, vehicle: int, t_ns: int) -> str:
         """Return which vehicle the climb would meet, at most a second ago."""
         takeoff = self._agents[vehicle].takeoff
-        if self._traffic is not None and t_ns - takeoff.traffic_t_ns >= _PERIOD_NS:
+        if t_ns - takeoff.traffic_t_ns >= _PERIOD_NS:
             takeoff.traffic = ""
             takeoff.traffic_t_ns = t_ns
             crossing = self._traffic.crossing(vehicle, t_ns)

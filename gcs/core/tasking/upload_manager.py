@@ -72,14 +72,14 @@ class UploadManager:
 
     Parameters
     ----------
-    climbs : Climbs or None
-        Gives the climbs of vehicles on the ground, and checks them; None: no vehicle climbs.
-    bounds : MissionBoundsCheck or None
-        Refuses missions with an item outside the map or the fence; None: none is refused.
-    takeoffs : TakeoffSequence or None
-        Says why an armed vehicle on the ground must not start yet; None: none waits.
-    traffic : MissionTraffic or None
-        Says which vehicle a new mission would lead a vehicle in the air near to; None: none waits for that.
+    climbs : Climbs
+        Gives the climbs of vehicles on the ground, and checks them.
+    bounds : MissionBoundsCheck
+        Refuses missions with an item outside the map or the fence.
+    takeoffs : TakeoffSequence
+        Says why an armed vehicle on the ground must not start yet.
+    traffic : MissionTraffic
+        Says which vehicle a new mission would lead a vehicle in the air near to.
 
     Attributes
     ----------
@@ -95,10 +95,10 @@ class UploadManager:
         fleet: Fleet,
         agents: Mapping[int, Agent],
         state: TaskingState,
-        climbs: Climbs | None = None,
-        bounds: MissionBoundsCheck | None = None,
-        takeoffs: TakeoffSequence | None = None,
-        traffic: MissionTraffic | None = None,
+        climbs: Climbs,
+        bounds: MissionBoundsCheck,
+        takeoffs: TakeoffSequence,
+        traffic: MissionTraffic,
     ) -> None:
         self.state = state
         self._table = config.mission
@@ -157,8 +157,6 @@ class UploadManager:
 
     def climb(self, vehicle: int, layer: int) -> Climb | None:
         """Return the climb before a vehicle's route; None in flight."""
-        if self._climbs is None:
-            return None
         return self._climbs.climb(vehicle, layer, in_takeoff=self.onboard_missions.is_in_takeoff(vehicle))
 
     @property
@@ -343,10 +341,6 @@ class UploadManager:
         in_air = not is_on_ground(state, self._fleet.home(vehicle))
         return in_air and self.onboard_missions.is_in_takeoff(vehicle)
 
-    def _holds_back(self, vehicle: int, t_ns: int) -> str:
-        """Return why a vehicle on the ground must not take off yet; empty if it may."""
-        return "" if self._takeoffs is None else self._takeoffs.holds_back(vehicle, t_ns)
-
     def _is_due(self, vehicle: int, t_ns: int) -> bool:
         """Return True if a queued route waits for its link only."""
         queued = self.state.queue[vehicle]
@@ -373,8 +367,7 @@ class UploadManager:
 
     def _in_turn(self) -> list[int]:
         """Return the vehicles with queued routes: those that wait for traffic last, by their last check."""
-        queue = self.state.queue
-        return list(queue) if self._traffic is None else sorted(queue, key=self._traffic.last_checked_t_ns)
+        return sorted(self.state.queue, key=self._traffic.last_checked_t_ns)
 
     def renew_queued(self, vehicle: int, route: Route, return_route: ReturnRoute | None, t_ns: int) -> None:
         """Replace an outdated route by one from where its vehicle is now, or by itself without another."""
@@ -387,7 +380,7 @@ class UploadManager:
     def _may_start(self, vehicle: int, t_ns: int) -> bool:
         """Return True if a queued route need not wait any longer."""
         queued = self.state.queue[vehicle]
-        if not queued.at_once and self._traffic is not None and self._traffic.is_known_to_wait(vehicle, t_ns):
+        if not queued.at_once and self._traffic.is_known_to_wait(vehicle, t_ns):
             return False
         agent = self._agents[vehicle]
         is_heard = agent.link.high_latency is None
@@ -397,9 +390,9 @@ class UploadManager:
 
     def _is_clear(self, route: Route, t_ns: int, *, at_once: bool) -> bool:
         """Return True if no other vehicle is in the way of a mission."""
-        if self._holds_back(route.vehicle, t_ns):
+        if self._takeoffs.holds_back(route.vehicle, t_ns):
             return False
-        return at_once or self._traffic is None or not self._traffic.holds_back(route, t_ns)
+        return at_once or not self._traffic.holds_back(route, t_ns)
 
     def _start(
         self, route: Route, planned_t_ns: int, return_route: ReturnRoute | None, t_ns: int
@@ -415,7 +408,7 @@ class UploadManager:
         if authority.taken_by:
             return self._not_begun(vehicle, f"not begun: {authority.takeover}", t_ns)
         climb = self.climb(vehicle, route.layer)
-        if climb is not None and self._climbs is not None:
+        if climb is not None:
             obstruction = self._climbs.obstruction(vehicle, climb, route.points_m)
             if obstruction is not None:
                 return self._refused(
@@ -441,18 +434,17 @@ class UploadManager:
             current=state.mission_seq if state is not None and state.mission_seq >= 0 else None,
             round_trip_s=self._active.round_trip_s(link) or self._agents[vehicle].link.requests.round_trip_s,
         )
-        if self._bounds is not None:
-            problem = self._bounds.problem(items[profile.home_items :], state)
-            if problem is None and state is not None:
-                passed = 0 if from_ground else points_passed(route, planned_t_ns, state)
-                flown = items[profile.home_items + passed :]
-                upload_s = DELIVERY_S + late_s(tasking)
-                motion = self.motion(state, t_ns)
-                heights_msl_m = state.alt_msl_m, home.alt_msl_m
-                problem = self._bounds.flight_problem(flown, vehicle, motion, upload_s, *heights_msl_m)
-            if problem is not None:
-                reason = f"{problem.text}; the vehicle keeps its onboard mission"
-                return self._refused(vehicle, problem.kind, reason, t_ns)
+        problem = self._bounds.problem(items[profile.home_items :], state)
+        if problem is None and state is not None:
+            passed = 0 if from_ground else points_passed(route, planned_t_ns, state)
+            flown = items[profile.home_items + passed :]
+            upload_s = DELIVERY_S + late_s(tasking)
+            motion = self.motion(state, t_ns)
+            heights_msl_m = state.alt_msl_m, home.alt_msl_m
+            problem = self._bounds.flight_problem(flown, vehicle, motion, upload_s, *heights_msl_m)
+        if problem is not None:
+            reason = f"{problem.text}; the vehicle keeps its onboard mission"
+            return self._refused(vehicle, problem.kind, reason, t_ns)
         tasking.refusal = ""
         first_point = profile.home_items + int(from_ground)
         takeoff_m = (state.east_m, state.north_m) if from_ground and state is not None else None

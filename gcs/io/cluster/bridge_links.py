@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import threading
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Final
@@ -304,10 +304,7 @@ class BridgeLinks:
 
     def counters(self) -> dict[str, PortCounters]:
         """Return the counters of the clients' endpoints, by name."""
-        return {
-            name: PortCounters(one.frames, one.passed, one.sent, Counter(one.refused))
-            for name, one in self._status.counters.items()
-        }
+        return self._status.counters
 
     def unsent(self) -> dict[str, int]:
         """Return the number of sends that the system refused, by endpoint."""
@@ -321,7 +318,4 @@ class BridgeLinks:
 
     def signing_counters(self) -> Mapping[str, SigningCounters]:
         """Return the counters of signatures, by link."""
-        return {
-            name: SigningCounters(one.verified, one.signed, Counter(one.rejected))
-            for name, one in self._status.signing.items()
-        }
+        return self._status.signing

@@ -23,6 +23,8 @@ from gcs.core.lease.lease_messages import Answer, Ask, Permit
 from gcs.io import message_pack
 from gcs.io.clock import RunClock, unix_ns
 from gcs.io.message_pack import decoder, encoder
+from gcs.mavlink.frames.signing import SigningCounters
+from gcs.mavlink.router.router import PortCounters
 from gcs.model import NS_PER_S, Notice, Picture
 
 VERSION: Final = 1
@@ -95,23 +97,6 @@ class Down(Message, frozen=True, kw_only=True, omit_defaults=True):
     """True if command ends: the bridge ends its heartbeats."""
 
 
-class StationCounters(msgspec.Struct, frozen=True, kw_only=True):
-    """Counters of an endpoint for other ground stations."""
-
-    frames: int
-    passed: int
-    sent: int
-    refused: dict[str, int]
-
-
-class GateCounters(msgspec.Struct, frozen=True, kw_only=True):
-    """Counters of a link's signatures."""
-
-    verified: int
-    signed: int
-    rejected: dict[str, int]
-
-
 class BridgeStatus(Message, frozen=True, kw_only=True, omit_defaults=True):
     """State of a bridge."""
 
@@ -120,12 +105,12 @@ class BridgeStatus(Message, frozen=True, kw_only=True, omit_defaults=True):
     unsent: dict[str, int]
     stations: dict[str, list[str]]
     """Other ground stations of each endpoint."""
-    counters: dict[str, StationCounters]
+    counters: dict[str, PortCounters]
     keyed_links: tuple[str, ...] = ()
     """Links with a key for any system."""
     keyed_vehicles: frozenset[tuple[str, int]] = frozenset()
     """(link, vehicle) whose frames must be signed."""
-    signing: dict[str, GateCounters] = {}
+    signing: dict[str, SigningCounters] = {}
 
 
 _encode = encoder().encode

@@ -205,7 +205,7 @@ class Recorder:
         self.notify(NoticeCode.RECORDING_MOVED, lost=str(lost), folder=str(self.folder))
 
     def _check_space(self) -> None:
-        """Raise an alarm when disk space runs low; finish the recording when the budget is used up."""
+        """Raise an alarm while disk space is low; finish the recording when the budget is used up."""
         used = self._finished_bytes + sum(self._part.file_bytes)
         disk = os.statvfs(self.folder)
         free = disk.f_bavail * disk.f_frsize
@@ -220,9 +220,9 @@ class Recorder:
         is_low = used >= _LOW_SPACE_FRACTION * budget.max_bytes or free < budget.min_free_bytes / (
             1.0 - _LOW_SPACE_FRACTION
         )
-        if is_low and not (self.space and self.space.is_low):
+        if is_low != (self.space is not None and self.space.is_low):
             self.notify(
-                NoticeCode.DISK_LOW,
+                NoticeCode.DISK_LOW if is_low else NoticeCode.DISK_FREE,
                 folder=str(self.folder),
                 used_gb=used / 1e9,
                 free_mb=free / 1e6,

@@ -13,9 +13,8 @@ from typing import Annotated, Final, Literal
 import msgspec
 from msgspec import Meta
 
-from gcs.area_corners import corner_error
 from gcs.errors import WireError
-from gcs.geo import LocalFrame
+from gcs.geo import LocalFrame, corner_error
 from gcs.io.record_json import decode_json
 from gcs.model import Action, LimitReference, NoFlyZone, Order, target_of, vertical_limits
 

@@ -20,7 +20,13 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs import jit
 from gcs.geo import LocalFrame
-from gcs.mavlink.fleet.checks.position_checks import EARTH_RADIUS_M, MAX_ALT_M, MIN_ALT_M, NULL_DEG
+from gcs.mavlink.fleet.checks.position_checks import (
+    EARTH_RADIUS_M,
+    MAX_ALT_M,
+    MAX_DISTANCE_M,
+    MIN_ALT_M,
+    NULL_DEG,
+)
 from gcs.mavlink.fleet.checks.position_plausibility import (
     MAX_STANDING_M_S,
     MIN_BOOT_DIFFERENCE_S,
@@ -323,8 +329,8 @@ class VehicleTable:
     read_ids, slow_ids : collection of int
         Message ids that are needed, and those of which no frame is routine.
     frame : LocalFrame
-    bounds : (float, float)
-        Greatest distance from the frame's origin in metres, and greatest ground speed in m/s.
+    max_speed_m_s : float
+        Ground speed above which a report is refused.
     """
 
     def __init__(
@@ -334,7 +340,7 @@ class VehicleTable:
         read_ids: Collection[int],
         slow_ids: Collection[int],
         frame: LocalFrame,
-        bounds: tuple[float, float],
+        max_speed_m_s: float,
     ) -> None:
         if max((*read_ids, *slow_ids), default=0) >= _MESSAGE_IDS:
             raise ValueError(f"message ids that are needed must be below {_MESSAGE_IDS}")
@@ -346,7 +352,7 @@ class VehicleTable:
             lookup = self._lookup_of_network.setdefault(network_of(vehicle), empty.copy())
             lookup[system_of(vehicle)] = index
         self._table = table
-        self._origin = np.array([frame.lat_deg, frame.lon_deg, *bounds])
+        self._origin = np.array([frame.lat_deg, frame.lon_deg, MAX_DISTANCE_M, max_speed_m_s])
 
     def apply_frames(
         self, frames: FrameTable, at: int, address: int, t_ns: int, network: int

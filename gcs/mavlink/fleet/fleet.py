@@ -130,8 +130,6 @@ class FleetSettings:
     position_rate_hz: float = 4.0
     max_speed_m_s: float = 150.0
     """Ground speed above which a position report is refused."""
-    max_distance_m: float = 100_000.0
-    """Distance from the frame's origin beyond which a position report is refused."""
     checks_signatures: bool = False
     """True if signatures are checked before frames come here."""
     max_unknown_systems: int = 64
@@ -216,7 +214,7 @@ class Fleet:
                 _NEEDED,
                 extra,
                 frame,
-                (self._settings.max_distance_m, self._settings.max_speed_m_s),
+                self._settings.max_speed_m_s,
             )
         requests = message_requests(self._settings.position_rate_hz)
         self._vehicles = {
@@ -227,7 +225,6 @@ class Fleet:
                 frame,
                 self._encoder,
                 StreamRequests(vehicle, own, requests, link.requests, record),
-                self._settings.max_distance_m,
                 self._settings.max_speed_m_s,
             )
             for vehicle, record in zip(called, self._state.table, strict=True)

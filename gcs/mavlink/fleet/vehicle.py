@@ -18,6 +18,7 @@ from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import mode_name
 from gcs.mavlink.fleet.checks.link_timeouts import STALE_AFTER_NS, lost_after_ns
 from gcs.mavlink.fleet.checks.position_checks import (
+    MAX_DISTANCE_M,
     MAX_LATE_NS,
     MIN_JUMP_NS,
     position_problem,
@@ -134,7 +135,6 @@ class Vehicle:
         frame: LocalFrame,
         encoder: Encoder,
         stream_requests: StreamRequests,
-        max_distance_m: float,
         max_speed_m_s: float,
     ) -> None:
         self.system_id = system_id
@@ -143,7 +143,6 @@ class Vehicle:
         self.stream_requests = stream_requests
         self._encoder = encoder
         self._frame = frame
-        self._max_distance_m = max_distance_m
         self._max_speed_m_s = max_speed_m_s
         self._state: VehicleState | None = None
         """Derived from link and record; None after a change."""
@@ -515,7 +514,7 @@ class Vehicle:
     def _check_position(self, lat_deg: float, lon_deg: float, alt_msl_m: float) -> str:
         if NONE < self.record[BEST_FIX] < dialect.GPS_FIX_TYPE_3D_FIX:
             return "no fix"
-        return position_problem(lat_deg, lon_deg, alt_msl_m, self._frame, self._max_distance_m)
+        return position_problem(lat_deg, lon_deg, alt_msl_m, self._frame, MAX_DISTANCE_M)
 
     def _reboot(self, notify: Notify) -> None:
         """Reset the state after a boot; mode and arming come with the next heartbeat."""
@@ -536,7 +535,7 @@ class Vehicle:
 
     def _on_home(self, message: Message, t_ns: int, _notify: Notify) -> None:
         home = Home(message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
-        if not position_problem(*home, self._frame, self._max_distance_m):
+        if not position_problem(*home, self._frame, MAX_DISTANCE_M):
             self.link.home = home
             self.stream_requests.heard("HOME_POSITION", t_ns)
 

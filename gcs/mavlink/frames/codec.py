@@ -252,8 +252,7 @@ class Encoder:
     def pack(self, message: Message, sequence: int) -> bytes:
         """Pack one message with a sequence number of the caller."""
         self._packer.seq = sequence
-        frame: bytes = message.pack(self._packer)
-        return frame
+        return message.pack(self._packer)
 
 
 def next_sequence(sequence: int) -> int:

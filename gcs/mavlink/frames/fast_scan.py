@@ -21,6 +21,7 @@ from gcs.mavlink.frames.codec import (
     CHECKED,
     COMPONENT,
     LENGTH,
+    MAX_FALSE_STARTS,
     MESSAGE_ID,
     OFFSET,
     SEQUENCE,
@@ -34,7 +35,6 @@ from gcs.model import ByteArray, Int16Array, Int32Array
 Bytes: TypeAlias = bytes | ByteArray
 
 _MIN_FRAME_BYTES: Final = 8
-_MAX_FALSE_STARTS: Final = 64
 
 
 def _crc_steps() -> Int32Array:
@@ -165,7 +165,7 @@ def _covers_good_frame(
 def _scan_datagram(data: Bytes, extras: Int16Array, frames: Int32Array) -> tuple[int, int, int, int]:
     """Fill `frames`; return their number, bad bytes, checksum errors and the number of unknown frames."""
     count = bad_bytes = crc_errors = unknown = false_starts = 0
-    tries = _MAX_FALSE_STARTS
+    tries = MAX_FALSE_STARTS
     at = 0
     end = len(data)
     while at < end:
@@ -182,7 +182,7 @@ def _scan_datagram(data: Bytes, extras: Int16Array, frames: Int32Array) -> tuple
             false_starts += 1
             message_id = _message_id(data, at)
             crc_errors += 1 if message_id < len(extras) and extras[message_id] >= 0 else 0
-            if false_starts >= _MAX_FALSE_STARTS:
+            if false_starts >= MAX_FALSE_STARTS:
                 bad_bytes += end - at
                 break
         next_at = at + 1

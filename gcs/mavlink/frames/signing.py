@@ -152,7 +152,7 @@ class SigningCounters:
     """Signed frames accepted."""
     signed: int = 0
     """Frames that we signed."""
-    rejected: Counter[str] = field(default_factory=Counter)
+    rejected: dict[str, int] = field(default_factory=Counter)
     """Frames rejected, by reason."""
     last: dict[str, str] = field(default_factory=dict)
     """Sender of the last of these."""

@@ -55,16 +55,10 @@ _CLIENT_TIMEOUT_NS: Final = ns(10.0)
 """Time without a frame after which a UDP client expires."""
 _CLIENT_IDLE_NS: Final = ns(5.0)
 """Time without a frame after which a client may be replaced."""
-
-
-@dataclass(frozen=True, slots=True)
-class RoutingSettings:
-    """Bounds."""
-
-    max_clients: int = 32
-    """On one endpoint."""
-    max_ids: int = 16
-    """System and component ids of one client."""
+_MAX_CLIENTS: Final = 32
+"""On one endpoint."""
+_MAX_IDS: Final = 16
+"""System and component ids of one client."""
 
 
 class Routed(NamedTuple):
@@ -84,7 +78,7 @@ class PortCounters:
     """Of these, sent on to vehicles."""
     sent: int = 0
     """Vehicles' frames sent to clients there, each client counted."""
-    refused: Counter[str] = field(default_factory=Counter)
+    refused: dict[str, int] = field(default_factory=Counter)
     """Frames refused, by reason."""
 
 
@@ -120,7 +114,6 @@ class Router:
         links: Sequence[Link],
         vehicles: Iterable[int],
         is_busy: Callable[[int], bool] = lambda _: False,
-        settings: RoutingSettings | None = None,
         *,
         is_keyed: Callable[[str, int], bool] = lambda _, __: False,
     ) -> None:
@@ -129,7 +122,6 @@ class Router:
         self._redundant = frozenset(link.name for link in links if link.redundant)
         self._vehicles = frozenset(vehicles)
         self._is_busy = is_busy
-        self._settings = settings or RoutingSettings()
         self._contacts: dict[Id, Contact] = {}
         self._clients: dict[Address, _Client] = {}
         self._candidates: dict[Address, _Client] = {}
@@ -254,7 +246,7 @@ class Router:
     def _ensure_capacity(self, t_ns: int, new_address: Address) -> bool:
         """Return True if a client fits on its endpoint, if need be by removing another."""
         here = {address: client for address, client in self._clients.items() if address[0] == new_address[0]}
-        if new_address in here or len(here) < self._settings.max_clients:
+        if new_address in here or len(here) < _MAX_CLIENTS:
             return True
         hosts = Counter(_host(address) for address in here)
         may_go = {address: client for address, client in here.items() if not client.is_permanent}
@@ -290,9 +282,9 @@ class Router:
             if client.heartbeats >= _MIN_HEARTBEATS and address not in self._clients:
                 return "too many ground stations"
         client.heard_t_ns = t_ns
-        if id_ not in client.ids and len(client.ids) >= self._settings.max_ids:
+        if id_ not in client.ids and len(client.ids) >= _MAX_IDS:
             self._forget_ids(client, t_ns)
-            if len(client.ids) >= self._settings.max_ids:
+            if len(client.ids) >= _MAX_IDS:
                 return "too many ids"
         client.ids[id_] = t_ns
         return ""

@@ -22,8 +22,7 @@ class LimitedArea:
     def centres_m(self, grid: Grid) -> FloatArray:
         """Return the centres of the cells on their map, shape (k, 2): east and north."""
         rows, cols = np.unravel_index(self.cells, grid.shape)
-        centres_m: FloatArray = np.column_stack((cols, rows)) * grid.spacing_m + np.array(grid.origin_m)
-        return centres_m
+        return np.column_stack((cols, rows)) * grid.spacing_m + np.array(grid.origin_m)
 
 
 def blocked_by(grid: Grid, areas: Iterable[LimitedArea]) -> Grid:

@@ -144,8 +144,7 @@ def flat_index(smap: SearchMap, node: Node) -> int:
 
 
 def _around(nodes: BoolArray) -> BoolArray:
-    found: BoolArray = ndimage.binary_dilation(nodes, structure=np.ones((3, 3), dtype=np.bool_))
-    return found
+    return ndimage.binary_dilation(nodes, structure=np.ones((3, 3), dtype=np.bool_))
 
 
 def _moves_of(nodes: BoolArray, moves: ByteArray) -> ByteArray:

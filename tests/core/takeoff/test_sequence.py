@@ -94,7 +94,8 @@ class Swarm:
 
 
 def sequence(swarm):
-    return TakeoffSequence(swarm.config, swarm, swarm, State.initial([1, 2]))
+    free = SimpleNamespace(crossing=lambda _vehicle, _t_ns: None)
+    return TakeoffSequence(swarm.config, swarm, swarm, State.initial([1, 2]), free)
 
 
 @pytest.mark.parametrize(

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from unittest.mock import patch
+
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Link, parse_endpoint
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder, Frame, scan, target_of
-from gcs.mavlink.router.router import Router, RoutingSettings
+from gcs.mavlink.router.router import Router
 
 S = 1_000_000_000
 RADIO, WIFI, READ_ONLY, WORK, WIRE = (
@@ -61,9 +63,9 @@ class Desk:
     vehicle, other = (RADIO, "10.0.0.1:50"), (WIFI, "10.0.0.2:50")
     onlooker, worker = (READ_ONLY, "10.0.0.3:50"), (WORK, "10.0.0.4:50")
 
-    def __init__(self, **changes) -> None:
+    def __init__(self) -> None:
         self.busy: set[int] = set()
-        self.router = Router(LINKS, [1, 2], self.busy.__contains__, RoutingSettings(**changes))
+        self.router = Router(LINKS, [1, 2], self.busy.__contains__)
         self.beats(-S)
         self.beats(0)
 
@@ -242,12 +244,13 @@ STEPS = st.lists(
 )
 
 
+@patch("gcs.mavlink.router.router._MAX_CLIENTS", 3)
+@patch("gcs.mavlink.router.router._MAX_IDS", 2)
 @settings(max_examples=150)
 @given(STEPS)
 def test_routes_hold_whatever_comes(steps):
     """Never an echo, never twice, a target's frame at its known place alone, stations never to stations."""
-    bounds = RoutingSettings(max_clients=3, max_ids=2)
-    router, t_ns = Router(LINKS, [1, 2], settings=bounds), 0
+    router, t_ns = Router(LINKS, [1, 2]), 0
     roles = {link.name: link.role for link in LINKS}
     heard: dict[tuple[int, int], tuple[tuple[str, str], int]] = {}
     for later_ns, address, system, component, make in steps:

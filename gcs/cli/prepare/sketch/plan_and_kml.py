@@ -17,12 +17,11 @@ from xml.etree import ElementTree as ET
 import msgspec
 import numpy as np
 
-from gcs.area_corners import corner_error
 from gcs.cli.prepare.sketch.sketch import MAX_PLACES, FenceArea, Place, Sketch, Start, is_place
 from gcs.errors import ConfigError
 from gcs.fence import Area
 from gcs.files import read_bytes
-from gcs.geo import LocalFrame
+from gcs.geo import LocalFrame, corner_error
 
 _MAX_BYTES: Final = 4_000_000
 _MAX_DEPTH: Final = 40

@@ -36,6 +36,8 @@ EARTH_RADIUS_M: Final = 6_371_000.0
 NULL_DEG: Final = 1e-3
 MIN_ALT_M: Final = -1_000.0
 MAX_ALT_M: Final = 50_000.0
+MAX_DISTANCE_M: Final = 100_000.0
+"""Distance from the frame's origin beyond which a position report is refused."""
 _BOOT_WRAP_MS: Final = 1 << 32
 _NS_PER_MS: Final = 1_000_000
 _CONFIRM_NS: Final = ns(2.0)
