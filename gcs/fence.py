@@ -1,4 +1,4 @@
-"""Geofence and rally points of a mission file.
+"""Geofence and rally points of a mission file, and checks of them.
 
 A fence is at most one inclusion area, any number of exclusion areas, and a ceiling. Autopilots differ on
 several inclusion areas (ArduPilot: inside all, PX4: inside any), so only one is allowed. The zones of the

@@ -1,4 +1,4 @@
-"""`gcs order`: orders to a running service.
+"""`gcs order`: orders to a running service, and how long each waits for its answers.
 
 Exit codes: 0 done for all vehicles; 1 refused, failed or unanswered for at least one, or no service answers;
 2 a mistake in the arguments. `gcs status` has the same.

@@ -1,4 +1,4 @@
-"""`gcs keys ca` and `gcs keys node`: certificates for zenoh, beside the keys for MAVLink 2 signing."""
+"""`gcs keys ca` and `gcs keys node`: certificates for zenoh, and for how long they are valid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Traffic in the climb of a vehicle on the ground: its take-off waits for it.
+"""Traffic in the climb of a vehicle on the ground: finds what its take-off would come near to.
 
 A climb crosses the layers below its own. A take-off waits while another vehicle is, or will be, near the
 climb at its height, at about the time at which the vehicle would be there. That time is uncertain: from an

@@ -1,4 +1,4 @@
-"""Take-off sequence: who may take off next, and when a climb counts as finished.
+"""Take-off sequence: who may take off next, who waits, and when a climb counts as finished.
 
 Below the altitude layers nothing separates vehicles. A take-off waits while another vehicle nearby is about
 to take off, is below the lowest layer, or lands. Nearby means: within the climb to the lowest layer plus the

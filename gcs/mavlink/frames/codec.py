@@ -1,4 +1,4 @@
-"""MAVLink frames to messages and back, one datagram at a time.
+"""MAVLink frames to messages and back, one datagram at a time, and our own system and component ids.
 
 Frame layout (https://mavlink.io/en/guide/serialization.html), bytes:
 
