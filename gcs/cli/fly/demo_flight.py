@@ -201,7 +201,8 @@ async def _fly(
         simulation.start(links.port, firmware)
         try:
             console.print(
-                f"central command listens on UDP port {links.port}; starting the vehicles", highlight=False
+                f"central command listens on UDP port {links.port}, zenoh on {bus.endpoint}; starting the vehicles",
+                highlight=False,
             )
             async with (
                 service_page(service, bus, endpoint, options.page, console, options.speed) as url,
