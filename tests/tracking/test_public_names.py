@@ -157,7 +157,9 @@ def test_a_model_without_births_or_with_flat_ones_is_refused():
 def test_births_of_another_shape_are_refused_scan_by_scan():
     tracker = Glmb("targets", MODEL.params, seed=1)
     flat = (Birth(np.zeros(2), np.eye(2), 0.1), Birth(np.zeros(2), np.eye(2), 0.1))
-    with pytest.raises(ValueError, match=r"births\[0\]: expected mean \(4,\) and cov \(4, 4\), got \(2,\)"):
+    with pytest.raises(
+        ValueError, match=r"births\[0\]: expected mean and cov of shapes \(\(4,\), \(4, 4\)\)"
+    ):
         tracker.update(0, np.empty((0, 2)), RADAR, flat)
 
 

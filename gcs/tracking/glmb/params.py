@@ -164,10 +164,10 @@ class BirthComponents(NamedTuple):
             A birth has another shape.
         """
         for i, birth in enumerate(births):
-            mean, cov = np.shape(birth.mean), np.shape(birth.cov)
-            if mean != (d,) or cov != (d, d):
+            shapes = (np.shape(birth.mean), np.shape(birth.cov))
+            if shapes != ((d,), (d, d)):
                 raise ValueError(
-                    f"births[{i}]: expected mean ({d},) and cov ({d}, {d}), got {mean} and {cov}"
+                    f"births[{i}]: expected mean and cov of shapes {((d,), (d, d))}, got {shapes}"
                 )
         probability = np.clip([birth.probability for birth in births], 1.0 - SURE, SURE)
         return cls(
