@@ -76,6 +76,13 @@ _PART_OPTIONS = {"no_cpython_wrapper": True, **_KERNEL_OPTIONS}
 class _KernelCache(FunctionCache):  # type: ignore[misc]
     """numba's cache, which loads a kernel before it initialises the compiler (0.1 s a start)."""
 
+    def has_code(self) -> bool:
+        """Return True if there is code of this version of the function; it may be of another processor."""
+        try:
+            return bool(self._cache_file._load_index())
+        except (AttributeError, ImportError):  # as below
+            return False
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the cached code for a signature, or None."""
         rtsys.initialize(target_context)  # the runtime of compiled code, without the compiler
@@ -224,8 +231,7 @@ def prefetch_row(typing: Any, array: Any, row: Any) -> Any:  # noqa: ARG001  num
 def warm_up(*modules: str, on_compiled: Callable[[str, int, int], None] | None = None) -> None:
     """Load the kernels of modules (names) from the cache, or compile them with a helper process.
 
-    `on_compiled` is called with a module and "n of m" if its kernels are not in the cache, first after its
-    first kernel, which is a short one.
+    Unless all kernels of a module are in the cache, `on_compiled` is called with it and "n of m" before each.
     """
     with contextlib.ExitStack() as stack:
         has_helper = False
@@ -238,12 +244,17 @@ def warm_up(*modules: str, on_compiled: Callable[[str, int, int], None] | None =
                 stack.enter_context(_helper_process(modules[number:]))
                 has_helper = True
             report = None if on_compiled is None else functools.partial(on_compiled, module)
-            _call_all([*_warm_up_parts(module), *calls[1:]], report)
+            _call_all([*_warm_up_parts(module), *calls], report)
 
 
 def is_cached(module: str) -> bool:
-    """Return True if the kernels of a module are in the cache; the first, a short one, is compiled if not."""
-    first, *_ = _warm_up_calls(module)
+    """Return True if the kernels of a module are in the cache.
+
+    The first, a short one, is loaded: it is compiled if the cache is of another processor.
+    """
+    first, *others = _warm_up_calls(module)
+    if not all(compiled._cache.has_code() for compiled, *_ in (first, *others)):
+        return False
     before = _misses(first[0])
     _call_all([first])
     return _misses(first[0]) == before
@@ -287,7 +298,7 @@ def _call_all(calls: Sequence[Call], on_call: Callable[[int, int], None] | None 
     try:
         for number, (compiled, *arguments) in enumerate(calls, 1):
             if on_call is not None:
-                on_call(number, len(calls) + 1)
+                on_call(number, len(calls))
             compiled(*arguments)
     finally:
         gc.set_threshold(*thresholds)

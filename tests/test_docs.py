@@ -6,7 +6,6 @@ import contextlib
 import io
 import json
 import re
-import shlex
 import shutil
 import tomllib
 from collections.abc import Iterator
@@ -17,6 +16,7 @@ import msgspec
 import pytest
 import typer
 from helpers.documented_files import write_documented_files
+from helpers.pages import COMMAND, FENCE, ROOT, SAVED, blocks, shown_commands, text_of, words_of
 from typer.testing import CliRunner
 
 from gcs.cli import app as gcs
@@ -26,35 +26,18 @@ from gcs.mavlink.autopilots import ARDUPLANE, PX4, AutopilotProfile
 from sim_vehicles.cli import app as sim_vehicles
 from sim_vehicles.world.scenario import Simulation, parse_scenario
 
-ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 APPS = {"gcs": typer.main.get_command(gcs), "sim-vehicles": typer.main.get_command(sim_vehicles)}
-COMMAND = re.compile(r"(gcs|sim-vehicles) [a-z]")
 SPAN = re.compile(r"`([^`]+)`")
-FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-SAVED = re.compile(r"\b[Ss]ave (?:this|it) as `([\w.]+)`.*?^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 SMOKE = "first-demo"
 """Page whose commands are run by `pytest` alone, too; those of all by `pytest -m real_time`."""
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 
 
-def text_of(page: Path) -> str:
-    return page.read_text(encoding="utf-8")
-
-
-def blocks(page: Path, language: str) -> list[str]:
-    return [text for name, text in FENCE.findall(text_of(page)) if name == language]
-
-
 def spans(page: Path) -> list[str]:
     """Return the inline code of a page."""
     return [" ".join(span.split()) for span in SPAN.findall(FENCE.sub("", text_of(page)))]
-
-
-def words_of(line: str) -> list[str]:
-    """Split a command as a shell does, without its prompt and comment."""
-    return shlex.split(line.strip().removeprefix("$ "), comments=True)
 
 
 def command_of(words: list[str]) -> tuple[Any, Any, list[str]]:
@@ -104,14 +87,6 @@ def leaves(program: str, command: Any) -> Iterator[Any]:
         yield from leaves(program, loaded(program, command, name))
 
 
-def shown_commands(page: Path) -> list[str]:
-    """Return the commands in code blocks, fenced without a language or indented."""
-    lines = [line for block in blocks(page, "") for line in block.splitlines()]
-    lines += re.findall(r"^    (\S.*)$", FENCE.sub("", text_of(page)), re.MULTILINE)
-    parts = [part.strip().removeprefix("$ ") for line in lines for part in line.split(" && ")]
-    return [part for part in parts if COMMAND.match(part)]
-
-
 @each_page
 def test_every_command_in_a_code_block_is_accepted_by_the_command_line(page: Path) -> None:
     for line in shown_commands(page):
@@ -124,7 +99,7 @@ def test_commands_are_found_in_fenced_and_indented_blocks() -> None:
     assert "gcs demo" in shown_commands(ROOT / "README.md")
 
 
-NEEDS_A_SERVICE = "needs a running service"
+NEEDS_A_SERVICE = "needs a running service; those of tutorials: tests/system/test_tutorials.py"
 NEEDS_VEHICLES = "needs vehicles, or their autopilot on a cable"
 NOT_RUN = {
     "gcs demo": "flies for minutes; tests/system",

@@ -14,7 +14,7 @@ from gcs.geo import LocalFrame
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 
 PAGE = Path(__file__).parents[1] / "docs" / "library.md"
-TRACK, MODELS, PLAN, UPLOAD, STONE_SOUP = re.findall(
+TRACK, MODELS, PLAN, UPLOAD, STONE_SOUP, RECORDING = re.findall(
     r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL
 )
 
@@ -57,3 +57,11 @@ def test_our_tracker_runs_in_stone_soup() -> None:
     lines = run(STONE_SOUP)
     assert len(lines) == 30
     assert re.search(r"\{'\d+\.\d+': ", lines[-1])
+
+
+def test_the_scans_of_a_recording_feed_their_trackers() -> None:
+    pytest.importorskip("stonesoup")
+    recording = Path(__file__).parent / "recordings" / "death.mcap"
+    lines = run(RECORDING.replace('"runs/prescribed-1"', repr(str(recording))))
+    assert len(lines) > 10
+    assert all(int(line.split()[-1]) > 0 for line in lines)

@@ -44,7 +44,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     copy = tmp_path_factory.mktemp("packaged") / "copy"
     copy.mkdir()
     ignore = shutil.ignore_patterns("__pycache__", "target")
-    for name in ("gcs", "sim_vehicles", "config", "docs", "examples"):
+    for name in ("gcs", "sim_vehicles", "config", "docs", "examples", ".github"):
         shutil.copytree(ROOT / name, copy / name, ignore=ignore, symlinks=True)
     for path in ROOT.iterdir():
         if path.is_file():
@@ -78,7 +78,8 @@ def test_the_sdist_has_what_a_build_and_a_reader_need(built: Path) -> None:
         names = {name.partition("/")[2] for name in archive.getnames()}
     assert sources() - names == set()
     read = {"README.md", "CHANGELOG.md", "SECURITY.md", "LICENSE", "CITATION.cff", "requirements.lock"}
-    assert read <= names
+    checked = {"package.json", "package-lock.json", "biome.json", "tsconfig.json", ".github/workflows/ci.yml"}
+    assert read | checked <= names
 
 
 def test_the_version_is_in_one_place() -> None:

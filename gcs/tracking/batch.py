@@ -436,12 +436,30 @@ def _scan(
 
 
 def _check_sensor(sensor: AnySensor, model: TrackingModel) -> None:
-    if isinstance(sensor, Sensor):
-        _check_shape(
-            f"noise_cov_m2 of sensor {sensor.name}", sensor.noise_cov_m2, (2, 2), "covariance of x, y"
+    if isinstance(sensor, MeasurementModel):
+        if model.motion is None:
+            raise ValueError(
+                f"model: expected TrackingModel.motion, of the states that {sensor.name} measures"
+            )
+        return
+    if not isinstance(sensor, Sensor):
+        raise ValueError(f"sensor: expected Sensor or MeasurementModel, got {sensor!r}")
+    of = f"of sensor {sensor.name}"
+    _check_shape(f"noise_cov_m2 {of}", sensor.noise_cov_m2, (2, 2), "covariance of x, y")
+    _check_shape(f"field_of_view_m {of}", sensor.field_of_view_m, (4,), "x_min, y_min, x_max, y_max")
+    x_min, y_min, x_max, y_max = sensor.field_of_view_m
+    if not (x_min < x_max and y_min < y_max):
+        raise ValueError(
+            f"field_of_view_m {of}: expected x_min, y_min, x_max, y_max, got {sensor.field_of_view_m}"
         )
-    elif model.motion is None:
-        raise ValueError(f"model: expected TrackingModel.motion, of the states that {sensor.name} measures")
+    if not np.all(np.linalg.eigvalsh(sensor.noise_cov_m2) > 0.0):
+        raise ValueError(f"noise_cov_m2 {of}: expected a positive definite matrix, in m2")
+    if not 0.0 <= sensor.detection_probability <= 1.0:
+        raise ValueError(f"detection_probability {of}: expected 0 to 1, got {sensor.detection_probability!r}")
+    if not sensor.clutter_density_per_m2 >= 0.0:
+        raise ValueError(
+            f"clutter_density_per_m2 {of}: expected at least 0, got {sensor.clutter_density_per_m2!r}"
+        )
 
 
 def _check_shape(name: str, array: ArrayLike, shape: tuple[int, ...], meaning: str) -> None:

@@ -70,6 +70,21 @@ def _points(positions_m: ArrayLike) -> FloatArray:
     return points
 
 
+def _check_order(c_m: float, p: float) -> None:
+    if not (c_m > 0.0 and p >= 1.0):
+        raise ValueError(f"expected c_m above 0 and p of at least 1, got {c_m!r} and {p!r}")
+
+
+def _check_times(x_m: Sequence[Tracks[LabelT]], y_m: Sequence[Tracks[IdT]]) -> None:
+    if len(x_m) != len(y_m):
+        raise ValueError(f"expected as many times of both, got {len(x_m)} and {len(y_m)}")
+    for scan in (*x_m, *y_m):
+        if not isinstance(scan, Mapping):
+            raise ValueError(
+                f"expected positions by label at each time, {{label: (2,)}}; got {type(scan).__name__}"
+            )
+
+
 def _optimal_assignment(cost: FloatArray) -> tuple[IntArray, IntArray]:
     """Return rows and columns of the cheapest assignment."""
     # Half of the start-up time of a program that tracks without ground truth.
@@ -97,6 +112,7 @@ def _ospa_from_distances(distances: FloatArray, c_m: float, p: float) -> Ospa:
 
 def ospa(x_m: FloatArray, y_m: FloatArray, c_m: float = 100.0, p: float = 1.0) -> Ospa:
     """Return OSPA of two sets of points, with cut-off `c_m` > 0 and order `p` >= 1."""
+    _check_order(c_m, p)
     return _ospa_from_distances(np.minimum(_distances(x_m, y_m), c_m), c_m, p)
 
 
@@ -104,6 +120,8 @@ def ospa2(
     x_m: Sequence[Tracks[LabelT]], y_m: Sequence[Tracks[IdT]], c_m: float = 100.0, p: float = 1.0
 ) -> Ospa:
     """Return OSPA(2) of two sets of tracks over a window; element k is what exists at time k."""
+    _check_order(c_m, p)
+    _check_times(x_m, y_m)
     size = max((len(point) for scans in (x_m, y_m) for scan in scans for point in scan.values()), default=2)
     x = _stack_tracks(x_m, size)
     y = _stack_tracks(y_m, size)
@@ -127,6 +145,7 @@ def _stack_tracks(scans: Sequence[Tracks[LabelT]], size: int) -> FloatArray:
 
 def gospa(x_m: FloatArray, y_m: FloatArray, c_m: float = 50.0, p: float = 2.0) -> Gospa:
     """Return GOSPA (alpha = 2) of an estimate `x_m` against the truth `y_m`."""
+    _check_order(c_m, p)
     distances = _distances(x_m, y_m)
     cost = np.minimum(distances, c_m) ** p
     rows, cols = _optimal_assignment(cost)
@@ -141,6 +160,7 @@ def gospa(x_m: FloatArray, y_m: FloatArray, c_m: float = 50.0, p: float = 2.0) -
 
 def cardinality_error(found_m: Sequence[Tracks[LabelT]], true_m: Sequence[Tracks[IdT]]) -> float:
     """Return the mean over time of | estimated number - true number |; 0 without any time."""
+    _check_times(found_m, true_m)
     errors = [abs(len(found) - len(true)) for found, true in zip(found_m, true_m, strict=True)]
     return sum(errors) / max(1, len(errors))
 
@@ -149,6 +169,7 @@ def identity_switches(
     found_m: Sequence[Tracks[LabelT]], true_m: Sequence[Tracks[IdT]], c_m: float = 50.0
 ) -> int:
     """Count the label changes of true objects, paired within `c_m`."""
+    _check_times(found_m, true_m)
     shown_by: dict[IdT, LabelT] = {}
     last: dict[IdT, LabelT] = {}
     switches = 0

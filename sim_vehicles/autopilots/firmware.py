@@ -60,6 +60,10 @@ _PX4_THRUST: Final = {"SIH_F_T_MAX": 6.0}
 2026; the aeroplane has 2 N by default then, and does not climb."""
 
 
+_PX4_LINKS: Final = (
+    "mavlink start -x -u $((14580+px4_instance)) -r 4000000 -f -m onboard -o $((14540+px4_instance))\n"
+)
+
 _PX4_WITH_TERRAIN: Final = {"FW_T_HRATE_FF": 1.0, "SIH_T_MAX": 9.0, "SIH_F_T_MAX": 9.0}
 """Climbs without delay, and thrust for them: with its 6 N SIH's aeroplane climbs 3 m/s, below its cruising
 speed."""
@@ -140,12 +144,15 @@ def arduplane_command(
 
 
 def px4_command(
-    binary: Path, spec: VehicleSpec, frame: LocalFrame, instance: int, speed: float
+    binary: Path, spec: VehicleSpec, frame: LocalFrame, instance: int, speed: float, folder: Path
 ) -> tuple[list[str], dict[str, str]]:
     """Return the command line of PX4 with its SIH aeroplane, and the environment that it reads.
 
-    PX4's start script gives instance N the UDP ports 14580 + N (its own) and 14540 + N (ours).
+    Instance N has the UDP ports 14580 + N (its own) and 14540 + N (ours). PX4's start script looks for the
+    script of its links in PATH first: that of `folder` leaves out the link to port 14550, where a ground
+    station would hear each vehicle twice.
     """
+    (folder / "px4-rc.mavlink").write_text(_PX4_LINKS, encoding="ascii")
     lat_deg, lon_deg = frame.to_geodetic(spec.east_m, spec.north_m)
     kinds = {fault.kind for fault in spec.faults}
     parameters = {
@@ -169,6 +176,7 @@ def px4_command(
         "PX4_HOME_LAT": f"{lat_deg:.8f}",
         "PX4_HOME_LON": f"{lon_deg:.8f}",
         "PX4_HOME_ALT": f"{frame.alt_msl_m + spec.home_rel_m:.2f}",
+        "PATH": os.pathsep.join([str(folder.resolve()), os.environ.get("PATH", os.defpath)]),
         **{f"PX4_PARAM_{name}": f"{value:g}" for name, value in parameters.items()},
     }
     return [str(binary), "-i", str(instance), "-d", str(binary.parent.parent / "etc")], environment

@@ -131,7 +131,7 @@ class FirmwareHost:
         if arguments.firmware == "px4":
             at = arguments.instance
             self._ground = self._truth_port = _Port(14540 + at, ("127.0.0.1", 14580 + at))
-            command, environment = px4_command(binary, spec, frame, at, arguments.speed)
+            command, environment = px4_command(binary, spec, frame, at, arguments.speed, folder)
         else:
             self._ground = _Port()
             self._truth_port = _Port()

@@ -505,6 +505,15 @@ def test_vehicles_that_would_return_at_one_height_are_named_with_the_setting():
     assert row.parameters["commands"] == "gcs param set CONFIG RTL_RETURN_ALT 120 -v 2"
 
 
+def test_the_setting_that_is_advised_is_a_layer_from_vehicles_that_are_apart_already():
+    (row,) = returned(ARDUPLANE, [100, 120, 100])
+    assert row.parameters["commands"] == "gcs param set CONFIG RTL_ALTITUDE 140 -v 3"
+    (row,) = returned(ARDUPLANE, [100, 120, 100, 100, 160])
+    assert row.parameters["commands"] == (
+        "gcs param set CONFIG RTL_ALTITUDE 140 -v 3, gcs param set CONFIG RTL_ALTITUDE 180 -v 4"
+    )
+
+
 def test_no_return_height_above_the_ceiling_is_advised():
     heights = [ReturnHeight(v, 100.0, "RTL_ALTITUDE", "RTL_ALTITUDE", 100.0) for v in (1, 2, 3)]
     (row,) = returns_check(heights, 20.0, 155.0)

@@ -21,6 +21,7 @@ library. Sensors publish, displays subscribe, operators' programs give orders.
 | | |
 |---|---|
 | endpoint | `links.zenoh` of the mission file, default `tcp/127.0.0.1:7447`; elsewhere [TLS](security.md) |
+| `gcs demo` | listens on a free port of this machine, and prints it |
 | mode | peer or client; multicast scouting off |
 | encoding | JSON (RFC 8259, UTF-8), one object a [message](messages.md), unless the table says otherwise |
 | positions | east and north in metres from the mission's origin |
@@ -40,16 +41,25 @@ _EXAMPLE: Final = """
 ## Example in C
 
 [examples/zenoh_sensor.c](../examples/zenoh_sensor.c) is a sensor that publishes a detection each
-second, and prints the notices of the service. With
+second, and prints the notices of the service. It needs
 [zenoh-pico](https://github.com/eclipse-zenoh/zenoh-pico):
+
+```
+git clone --depth 1 --branch 1.9.0 https://github.com/eclipse-zenoh/zenoh-pico
+cmake -S zenoh-pico -B zenoh-pico/build -DBUILD_SHARED_LIBS=ON -DBUILD_EXAMPLES=OFF -DBUILD_TESTING=OFF
+cmake --build zenoh-pico/build && sudo cmake --install zenoh-pico/build && sudo ldconfig
+```
+
+In the folder `examples`, with `gcs run prescribed` in another terminal, or with the endpoint that
+`gcs demo` prints:
 
 ```
 cc zenoh_sensor.c -DZENOH_LINUX -lzenohpico -o zenoh_sensor
 ./zenoh_sensor tcp/127.0.0.1:7447 prescribed
 ```
 
-The tests compile and run it against a service where zenoh-pico is installed, and are skipped
-elsewhere. [Publish detections](sensors.md#example) has a sensor in Python.
+`gcs status` lists the sensor `radar-c` then. The tests compile and run it where zenoh-pico is
+installed. [Publish detections](sensors.md#example) has a sensor in Python.
 """
 
 

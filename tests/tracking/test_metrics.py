@@ -188,3 +188,31 @@ def test_no_object_switches_more_often_than_it_is_seen_again(found, c):
     assert 0 <= identity_switches(scans, truth, c) <= 2 * max(0, len(scans) - 1)
     errors = [abs(len(scan) - 2) for scan in scans]
     assert cardinality_error(scans, truth) == pytest.approx(np.mean(errors) if errors else 0.0)
+
+
+ONE = {1: np.zeros(2)}
+WRONG = {
+    "a window of other length": (
+        lambda: ospa2([ONE], [ONE, ONE]),
+        "expected as many times of both, got 1 and 2",
+    ),
+    "switches of other length": (lambda: identity_switches([], [ONE]), "expected as many times of both"),
+    "cardinality of other length": (lambda: cardinality_error([ONE], []), "expected as many times of both"),
+    "positions without labels": (
+        lambda: ospa2([np.zeros((1, 2))], [ONE]),
+        "expected positions by label at each time",
+    ),
+    "no cut-off": (lambda: ospa(np.zeros((1, 2)), np.zeros((1, 2)), c_m=0.0), "expected c_m above 0"),
+    "no order": (
+        lambda: gospa(np.zeros((1, 2)), np.zeros((1, 2)), p=0.0),
+        "expected c_m above 0 and p of at",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_arguments_that_cannot_be_compared_are_refused_in_words(case):
+    call, said = WRONG[case]
+    with pytest.raises(ValueError, match="expected") as raised:
+        call()
+    assert said in str(raised.value)

@@ -113,6 +113,23 @@ WRONG = {
         {"sensor": Sensor("x", 0.9, 1e-6, np.array(5.0), RADAR.field_of_view_m)},
         "noise_cov_m2 of sensor x: expected shape (2, 2)",
     ),
+    "noise that is no covariance": (
+        {"sensor": Sensor("x", 0.9, 1e-6, -np.eye(2), RADAR.field_of_view_m)},
+        "noise_cov_m2 of sensor x: expected a positive definite matrix",
+    ),
+    "a detection probability in per cent": (
+        {"sensor": Sensor("x", 95.0, 1e-6, np.eye(2), RADAR.field_of_view_m)},
+        "detection_probability of sensor x: expected 0 to 1, got 95.0",
+    ),
+    "negative clutter": (
+        {"sensor": Sensor("x", 0.9, -1e-6, np.eye(2), RADAR.field_of_view_m)},
+        "clutter_density_per_m2 of sensor x: expected at least 0",
+    ),
+    "a field of view in another order": (
+        {"sensor": Sensor("x", 0.9, 1e-6, np.eye(2), (-1000.0, 1000.0, -1000.0, 1000.0))},
+        "field_of_view_m of sensor x: expected x_min, y_min, x_max, y_max",
+    ),
+    "no sensor": ({"sensor": [None]}, "sensor: expected Sensor or MeasurementModel, got None"),
     "a lag of filtered estimates": (
         {"estimator": "filtered", "lag_scans": 3},
         "lag_scans: expected at least 0",
@@ -135,6 +152,15 @@ def test_a_model_without_births_or_with_flat_ones_is_refused():
         TrackingModel(GlmbParams(accel_psd_m2_s3=1.0))
     with pytest.raises(ValueError, match=r"births\[0\].mean: expected shape \(4,\), x, y, vx, vy"):
         TrackingModel(GlmbParams(accel_psd_m2_s3=1.0), (Birth(np.zeros(2), np.eye(4), 0.1),))
+
+
+def test_births_of_another_shape_are_refused_scan_by_scan():
+    tracker = Glmb("targets", MODEL.params, seed=1)
+    flat = (Birth(np.zeros(2), np.eye(2), 0.1), Birth(np.zeros(2), np.eye(2), 0.1))
+    with pytest.raises(
+        ValueError, match=r"births\[0\]: expected mean and cov of shapes \(\(4,\), \(4, 4\)\)"
+    ):
+        tracker.update(0, np.empty((0, 2)), RADAR, flat)
 
 
 def test_an_empty_data_set_has_no_trajectories():

@@ -200,9 +200,8 @@ async def _fly(
         relay = asyncio.create_task(_stop_on_interrupt(interrupt, stop))
         simulation.start(links.port, firmware)
         try:
-            console.print(
-                f"central command listens on UDP port {links.port}; starting the vehicles", highlight=False
-            )
+            listens = f"central command listens on UDP port {links.port}, zenoh on {endpoint}"
+            console.print(f"{listens}; starting the vehicles", highlight=False)
             async with (
                 service_page(service, bus, endpoint, options.page, console, options.speed) as url,
                 simulation.flying(links.port, stop, console) as clock,

@@ -223,10 +223,14 @@ def returns_check(heights: Sequence[ReturnHeight], step_m: float, ceiling_m: flo
         yield Check(None, CheckCode.RETURNS_NEAR_BY_RALLY, parameters)
         return
     commands = []
+    apart_m = sorted(one.height_m for one in heights if one not in near)
     height_m = near[0].height_m
     max_height_m = ceiling_m - MARGIN_M if ceiling_m else math.inf
     for one in near[1:_MAX_NAMED]:
         height_m = max(height_m + step_m, one.height_m)
+        for other_m in apart_m:
+            if abs(height_m - other_m) < step_m - _TOLERANCE_M:
+                height_m = other_m + step_m
         if height_m > one.height_m:
             commands.append(one.raised_to(height_m))
     if height_m <= max_height_m:

@@ -156,7 +156,19 @@ class BirthComponents(NamedTuple):
 
     @classmethod
     def from_births(cls, births: Sequence[Birth], d: int = 4) -> BirthComponents:
-        """Convert births of d states to arrays."""
+        """Convert births of d states to arrays.
+
+        Raises
+        ------
+        ValueError
+            A birth has another shape.
+        """
+        for i, birth in enumerate(births):
+            shapes = (np.shape(birth.mean), np.shape(birth.cov))
+            if shapes != ((d,), (d, d)):
+                raise ValueError(
+                    f"births[{i}]: expected mean and cov of shapes {((d,), (d, d))}, got {shapes}"
+                )
         probability = np.clip([birth.probability for birth in births], 1.0 - SURE, SURE)
         return cls(
             np.array([birth.mean for birth in births], dtype=np.float64).reshape(-1, d),

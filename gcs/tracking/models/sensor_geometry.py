@@ -33,6 +33,8 @@ def sensor_coordinates(sensor: Sensor, z_m: FloatArray) -> FloatArray:
 
 def map_coordinates(polar: Polar, z: FloatArray) -> FloatArray:
     """Return east/north (m, 2) of ranges and bearings (m, 2)."""
+    if z.ndim != 2 or z.shape[1] != 2:
+        raise ValueError(f"z: expected shape (m, 2), range in metres and bearing in radians; got {z.shape}")
     range_m, bearing_rad = z.T
     return np.column_stack(
         [polar.east_m + range_m * np.sin(bearing_rad), polar.north_m + range_m * np.cos(bearing_rad)]

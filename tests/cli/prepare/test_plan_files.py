@@ -142,6 +142,10 @@ def test_a_plan_begins_a_mission_file(tmp_path: Path) -> None:
     assert again.local_frame.to_geodetic(start.east_m, start.north_m) == pytest.approx(
         load(str(tmp_path / "fenced.toml")).local_frame.to_geodetic(300.0, 300.0), abs=1e-6
     )
+    places = [(birth.east_m, birth.north_m) for birth in again.births]
+    assert (
+        len(set(places)) == len(places) > 0
+    )  # the waypoint at the target and the loiter there are one place
     assert fence_of(again).areas
     assert [row.alt_rel_m for row in rally_of(again)] == [80]
 

@@ -61,6 +61,14 @@ def test_every_right_is_one_to_a_key_of_the_table() -> None:
                 assert any(right.includes(key) for key in keys), f"{role}: {text}"
 
 
+def test_ci_installs_what_the_sensor_in_c_needs_as_the_page_says() -> None:
+    steps = (ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8").splitlines()
+    page = (ROOT / "docs" / "zenoh.md").read_text(encoding="utf-8")
+    install = re.findall(r"^(?:git|cmake) .*$", page, re.MULTILINE)
+    assert len(install) == 3
+    assert set(install) <= {step.strip() for step in steps}
+
+
 def test_the_sensor_in_c_publishes_scans_and_prints_notices(tmp_path: Path) -> None:
     """Runs with zenoh-pico where a C compiler finds it (CPATH, LIBRARY_PATH, LD_LIBRARY_PATH)."""
     compiler = shutil.which("cc")

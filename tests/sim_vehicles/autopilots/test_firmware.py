@@ -58,16 +58,28 @@ def test_arduplane_starts_at_the_scenarios_place_with_its_speed_and_wind(tmp_pat
     assert (parameters["SIM_WIND_SPD"], parameters["SIM_WIND_DIR"]) == ("6", "270")  # from the west
 
 
-def test_px4_takes_place_and_parameters_from_its_environment() -> None:
-    command, environment = px4_command(Path("/build/bin/px4"), SPEC, FRAME, 2, 3.0)
+def test_px4_takes_place_and_parameters_from_its_environment(tmp_path: Path) -> None:
+    command, environment = px4_command(Path("/build/bin/px4"), SPEC, FRAME, 2, 3.0, tmp_path)
     assert command == ["/build/bin/px4", "-i", "2", "-d", "/build/etc"]
     assert environment["PX4_PARAM_MAV_SYS_ID"] == "3"
     assert environment["PX4_SIM_SPEED_FACTOR"] == "3"
 
 
-def test_a_px4_over_terrain_can_climb_as_steep_as_its_routes() -> None:
-    _, flat = px4_command(Path("/build/bin/px4"), SPEC, FRAME, 0, 1.0)
-    _, hilly = px4_command(Path("/build/bin/px4"), replace(SPEC, climb_m_s=4.0), FRAME, 0, 1.0)
+def test_px4_has_one_link_to_its_host_and_none_to_a_ground_station(tmp_path: Path) -> None:
+    """Its start script sources the links as here; a second link to port 14550 is a second sender there."""
+    _, environment = px4_command(Path("/build/bin/px4"), SPEC, FRAME, 2, 3.0, tmp_path)
+    script = "alias mavlink='echo'; px4_instance=2\n. px4-rc.mavlink"
+    done = subprocess.run(
+        ["/bin/sh", "-c", script], env=environment, capture_output=True, text=True, check=True
+    )
+    (link,) = done.stdout.splitlines()
+    assert "-u 14582 " in link
+    assert link.endswith("-o 14542")
+
+
+def test_a_px4_over_terrain_can_climb_as_steep_as_its_routes(tmp_path: Path) -> None:
+    _, flat = px4_command(Path("/build/bin/px4"), SPEC, FRAME, 0, 1.0, tmp_path)
+    _, hilly = px4_command(Path("/build/bin/px4"), replace(SPEC, climb_m_s=4.0), FRAME, 0, 1.0, tmp_path)
     assert hilly["PX4_PARAM_FW_T_CLMB_R_SP"] == "4"
     assert {"PX4_PARAM_FW_T_HRATE_FF", "PX4_PARAM_SIH_T_MAX"} <= hilly.keys() - flat.keys()
     assert float(hilly["PX4_PARAM_SIH_F_T_MAX"]) > float(flat["PX4_PARAM_SIH_F_T_MAX"]) > 2.0

@@ -55,7 +55,7 @@ def test_a_receiver_of_a_px4_jumps_by_200_m_and_keeps_its_velocity():
 def test_a_px4_is_started_so_that_its_host_can_be_its_receiver_or_its_radio_control(tmp_path, kind, name):
     for faults, wanted in (((Fault(kind, 5.0),), "1"), ((), None)):
         spec = VehicleSpec(3, 0, 0, 0, 90.0, 15.0, faults=faults)
-        _, environment = px4_command(tmp_path / "bin" / "px4", spec, FRAME, 0, 1.0)
+        _, environment = px4_command(tmp_path / "bin" / "px4", spec, FRAME, 0, 1.0, tmp_path)
         assert environment.get(f"PX4_PARAM_{name}") == wanted
 
 

@@ -94,7 +94,9 @@ def _plan_items(items: list[Any], sketch: Sketch, source: str) -> None:
         if not isinstance(params, list) or len(params) < 6:
             raise ConfigError(source, f"{key}.params", "expected a list of seven parameters")
         lat_deg, lon_deg = _numbers(params[4:6], 2, source, f"{key}.params[4:6]")
-        sketch.targets.append((_place(lat_deg, lon_deg, source, key), f"item {index + 1} of the plan"))
+        place = _place(lat_deg, lon_deg, source, key)
+        if all(other != place for other, _ in sketch.targets):  # a waypoint and a loiter may be at one place
+            sketch.targets.append((place, f"item {index + 1} of the plan"))
     if left_out:
         sketch.notes.append(f"{left_out} surveys and other patterns of the plan are left out")
 
