@@ -1,4 +1,4 @@
-"""Vehicle numbers: a MAVLink network and a system id in one number."""
+"""Numbers and names of vehicles and tracks: a network and a system id in one number; target T0.2."""
 
 from __future__ import annotations
 

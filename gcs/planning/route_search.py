@@ -1,4 +1,4 @@
-"""Paths of all agents to all targets, aimed ahead of moving ones, and the path of one agent to one target.
+"""Paths of all agents to all targets, aimed ahead of moving ones, and the path of one to where it ends.
 
 A moving target is intercepted (`gcs.planning.intercept`): its predicted positions are extra columns of the
 path search. Shaping and turns change the length of a route, so the intercept is corrected by the length of

@@ -1,4 +1,4 @@
-"""Health of vehicles in flight: when GPS, battery, propulsion and others count as bad, and as good again.
+"""Health of vehicles in flight: when GPS, battery and others count as bad, so that one is unfit for targets.
 
 Sources (https://mavlink.io/en/messages/common.html): GPS_RAW_INT.fix_type, SYS_STATUS sensor bits, the flags
 of EKF_STATUS_REPORT (ArduPilot) or ESTIMATOR_STATUS (PX4), VFR_HUD.throttle with the vertical speed,

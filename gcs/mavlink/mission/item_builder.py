@@ -1,4 +1,4 @@
-"""Mission items of a mission, as a firmware flies them.
+"""Mission items of a mission, as a firmware flies them, with the radius and the side of circles.
 
 Items in order::
 

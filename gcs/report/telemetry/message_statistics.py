@@ -1,4 +1,4 @@
-"""Message statistics of a stream of MAVLink frames (`gcs info`): senders, rates and loss.
+"""Message statistics of a stream of MAVLink frames (`gcs info`): senders, firmware, rates, loss.
 
 Loss is read from the sequence number, which a sender counts modulo 256
 (https://mavlink.io/en/guide/packet_loss.html). After a gap of more than 255 frames it is a lower bound. A
