@@ -182,7 +182,7 @@ class StackedMissions:
     ) -> Route | None:
         """Return a route to one of some places in a layer that is clear; None without one.
 
-        None also if the vehicle can get no mission now.
+        Rather one whose way there comes near no other vehicle. None also if it can get no mission now.
         """
         vehicle = state.system_id
         grid = self._zones.grid
@@ -200,10 +200,14 @@ class StackedMissions:
             ]
             if not layers:
                 continue
-            routes = self._in_layers(state, end_m, label, layers, flights.t_ns)
-            found = next((one for one in routes if not problem(one, planned, modes, flights)), None)
-            if found is not None:
-                return found
+            second: Route | None = None
+            for route in self._in_layers(state, end_m, label, layers, flights.t_ns):
+                if not problem(route, planned, modes, flights, is_strict=True):
+                    return route
+                if second is None and not problem(route, planned, modes, flights):
+                    second = route
+            if second is not None:
+                return second
             tries += 1
             if tries == _MAX_ROUTES:
                 return None

@@ -316,6 +316,7 @@ class OrderCheck:
         flights: PredictedFlights,
         *,
         circles_only: bool = False,
+        is_strict: bool = False,
     ) -> str:
         """Return what a return or a hold by a mission would lead a vehicle near to; empty if nothing.
 
@@ -333,8 +334,9 @@ class OrderCheck:
             What all vehicles fly now.
         circles_only : bool
             True if the circle at its end alone is checked.
-
-        Its way there is no problem with a vehicle that it is as near to now: it leads away.
+        is_strict : bool
+            True if its way there must keep clear of all. Else it is no problem with a vehicle that its
+            present flight comes as near to.
         """
         states = flights.states
         own = self._stacked(states[route.vehicle], route, flights.t_ns)
@@ -345,7 +347,7 @@ class OrderCheck:
         conflicts = [*self._overlapping(own, others, last=True)]
         if not conflicts and not circles_only:
             present = flights.of(route.vehicle)
-            met = self._met(present, others, True, _MISSION_MARGIN)
+            met = () if is_strict else self._met(present, others, True, _MISSION_MARGIN)
             now = {one.other: one.nearness for one in met}
             conflicts = [
                 one

@@ -395,3 +395,17 @@ def test_with_warnings_only_no_vehicle_that_holds_is_moved():
     sky = fly_on(held_together(FIELD.replace("[planning]", '[planning]\navoidance = "warn"')), 15.0)
     assert not sky.told(NoticeCode.CHANGES_LAYER)
     assert [plane.autopilot.mode for plane in sky.planes.values()] == [Mode.LOITER, Mode.LOITER]
+
+
+@pytest.mark.parametrize(("clear_layers", "expected"), [({3, 5}, 3), (set(), 0)])
+def test_a_return_rather_keeps_clear_of_one_that_its_vehicle_would_meet_anyway(clear_layers, expected):
+    """In its own layer it is no worse than flying on: with twenty vehicles two came within 22 m and 3 m."""
+    sky = two()
+    stacked = sky.run_.engine.stages.avoidances._stacked
+
+    def problem(route, *_, circles_only=False, is_strict=False):
+        meets = is_strict and route.layer not in clear_layers
+        return "would come near agent 2" if meets else ""
+
+    stacked._order_check.stacking_problem = problem
+    assert stacked.plan_returns([1], {}, sky.run_.t_ns)[1].layer == expected
