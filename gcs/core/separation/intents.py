@@ -43,7 +43,7 @@ from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.mission.items import Item
-from gcs.model import NS_PER_S, VehicleState
+from gcs.model import NS_PER_S, Route, VehicleState
 
 _G_M_S2: Final = 9.80665
 _MAX_AGE_S: Final = 10.0
@@ -207,6 +207,15 @@ class Intents:
         if mode == LOITER:
             return (self._hold(state),)
         return (tuple(self._mission(state)) if mode == AUTO else ()) or (Goal(GoalKind.DRIFT),)
+
+    def stacked_routes(self) -> dict[int, Route]:
+        """Return the routes of missions that return vehicles to a circle, or hold them, in a layer."""
+        stacked = {v: agent.routes.stacked for v, agent in self._agents.items()}
+        return {
+            vehicle: route
+            for vehicle, route in stacked.items()
+            if route is not None and self._airframes[vehicle].end != "land"
+        }
 
     def return_warning(self, vehicles: Collection[int]) -> str:
         """Return which vehicles would return by RTL at one height, in words; empty if none would."""

@@ -118,8 +118,27 @@ class OrderCheck:
         return (
             near_ground
             or self._area_problem(vehicle, modes[vehicle], flights)
+            or (self._circle_problem(ordered, modes, flights) if modes[vehicle] == RTL else "")
             or self._worse(ordered, flights.of(vehicle), flights.others(vehicle, modes), is_return)
         )
+
+    def _circle_problem(self, ordered: Flight, modes: Mapping[int, str], flights: PredictedFlights) -> str:
+        """Return whose circle at the end of a mission the circle of a return overlaps; empty if nobody's."""
+        overlaps = [*self._overlapping(ordered, self._ends(ordered.vehicle, modes, flights), last=True)]
+        return f"would {min(overlaps).words}" if overlaps else ""
+
+    def _ends(self, vehicle: int, leaving: Collection[int], flights: PredictedFlights) -> list[Flight]:
+        """Return the circles at the ends of missions that return or hold others, however far away they are.
+
+        Without those of vehicles that are led elsewhere now.
+        """
+        states = flights.states
+        others = {v: route for v, route in self.intents.stacked_routes().items() if v in states}
+        return [
+            replace(flights.of(v), goals=self._stacked(states[v], route, flights.t_ns).goals[-1:])
+            for v, route in others.items()
+            if v != vehicle and v not in leaving
+        ]
 
     def _area_problem(self, vehicle: int, mode: str, flights: PredictedFlights) -> str:
         """Return which zone or obstacle a mode leads a vehicle to; empty if to none, or as it flies now."""
@@ -344,7 +363,8 @@ class OrderCheck:
         others = flights.others(route.vehicle, modes, led)
         if not is_hold(route) and (problem := self._zones.circle_problem(own.goals[-1])):
             return problem
-        conflicts = [*self._overlapping(own, others, last=True)]
+        ends = self._ends(route.vehicle, {*planned, *modes}, flights)
+        conflicts = [*self._overlapping(own, [*others, *ends], last=True)]
         if not conflicts and not circles_only:
             present = flights.of(route.vehicle)
             met = () if is_strict else self._met(present, others, True, _MISSION_MARGIN)

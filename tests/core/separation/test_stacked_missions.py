@@ -1,5 +1,6 @@
 """Vehicles that are ordered to return at one time would circle at one place and height."""
 
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 
@@ -10,7 +11,8 @@ from helpers.sky import FIELD, LANDING, Sky, fly_on, give, place, with_one_home
 from helpers.staging import S
 
 from gcs.core.operator.order_refusals import OrderRefusals
-from gcs.model import NoFlyZone, NoticeCode, Order, VerticalLimits
+from gcs.model import NoFlyZone, NoticeCode, Order, Route, VerticalLimits, read_only
+from gcs.model.vehicle_ids import home_label
 from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.vehicle.faults import FaultKind
 
@@ -409,3 +411,20 @@ def test_a_return_rather_keeps_clear_of_one_that_its_vehicle_would_meet_anyway(c
 
     stacked._order_check.stacking_problem = problem
     assert stacked.plan_returns([1], {}, sky.run_.t_ns)[1].layer == expected
+
+
+def test_a_return_does_not_circle_where_a_mission_home_of_another_vehicle_will_end():
+    """That is known for 40 s of flight only: two circled at home for 50 s, within 16 m and 4 m."""
+    sky = two()
+    check = sky.run_.engine.stages.avoidances._order_check
+    flights = check.predict(sky.run_.t_ns)
+    assert not check.problem(2, {2: "RTL"}, flights)
+    ends_m = read_only([(1500.0, 1500.0)])
+    above, at_its_height = (Route(1, home_label(1), ends_m, 0.0, layer=layer) for layer in (3, 2))
+    routes = sky.run_.engine.state.agents[1].routes
+    routes.stack(above)
+    assert not check.problem(2, {2: "RTL"}, flights)
+    routes.stack(at_its_height)
+    assert "circle of agent 1" in check.problem(2, {2: "RTL"}, flights)
+    own = replace(at_its_height, vehicle=2)
+    assert "circle of agent 1" in check.stacking_problem(own, {}, {}, flights)
