@@ -90,6 +90,7 @@ def views(page: Page) -> list[list[float]]:
     return page.evaluate(found)
 
 
+@pytest.mark.real_time
 def test_one_time_line_moves_both_and_the_shorter_recording_stays_at_its_end(console, page):
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))
@@ -127,6 +128,7 @@ def test_one_time_line_moves_both_and_the_shorter_recording_stays_at_its_end(con
     assert errors == []
 
 
+@pytest.mark.real_time
 def test_maps_are_linked_until_they_are_unlinked(console, page):
     opened(page, console.url)
     first, other = views(page)
@@ -147,6 +149,7 @@ def test_maps_are_linked_until_they_are_unlinked(console, page):
     assert views(page)[0] != pytest.approx(moved)
 
 
+@pytest.mark.real_time
 def test_the_comparison_has_no_violation_that_axe_finds_and_fits_a_phone(console, page, problems):
     opened(page, console.url)
     page.keyboard.press("End")
@@ -244,6 +247,7 @@ def test_both_are_played_at_the_same_time_however_fast():
     assert [round(one.duration_s) for one in replays] == [30, 15]
 
 
+@pytest.mark.real_time
 def test_the_command_serves_both_until_it_is_interrupted():
     command = [
         sys.executable,
