@@ -123,7 +123,7 @@ class OrderCheck:
         )
 
     def _circle_problem(self, ordered: Flight, modes: Mapping[int, str], flights: PredictedFlights) -> str:
-        """Return whose circle at the end of a mission the circle of a return overlaps; empty if nobody's."""
+        """Return which circle at the end of a mission that of a return overlaps; empty if none."""
         overlaps = [*self._overlapping(ordered, self._ends(ordered.vehicle, modes, flights), last=True)]
         return f"would {min(overlaps).words}" if overlaps else ""
 
