@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from gcs.mistake_codes import MistakeCode
 from gcs.safe_text import printable
 
 _MAX_LISTED = 50
@@ -29,15 +30,18 @@ class ConfigError(GcsError):
         The file (or scenario name) that was read.
     key : str
         Dotted path of the key, empty when the file as a whole is at fault.
+    code : MistakeCode
+        Kind of the mistake.
     expected : str
         What would have been right.
     all : sequence of ConfigError
         Every mistake that was found with it, itself first.
     """
 
-    def __init__(self, file: str, key: str, expected: str) -> None:
+    def __init__(self, file: str, key: str, code: MistakeCode, expected: str) -> None:
         self.file = file
         self.key = key
+        self.code = code
         self.expected = expected
         self.all: Sequence[ConfigError] = (self,)
         super().__init__(f"{file}: {self.mistake}")
@@ -46,6 +50,14 @@ class ConfigError(GcsError):
     def mistake(self) -> str:
         """Key and what was expected there, without the file."""
         return f"{self.key}: {self.expected}" if self.key else self.expected
+
+    @property
+    def rows(self) -> list[dict[str, str]]:
+        """Every mistake as plain data, for JSON."""
+        return [
+            {"file": one.file, "key": one.key, "code": one.code.value, "expected": one.expected}
+            for one in self.all
+        ]
 
     @classmethod
     def of_all(cls, mistakes: Sequence[ConfigError]) -> ConfigError:

@@ -24,6 +24,7 @@ from gcs.config import Config
 from gcs.config.schema import MIN_RALLY_M, RallyTable
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame, corner_error
+from gcs.mistake_codes import MistakeCode
 from gcs.model import UNLIMITED, FloatArray, VerticalLimits
 
 Place: TypeAlias = tuple[float, float]
@@ -107,6 +108,7 @@ def fence_of(config: Config, source: str = "") -> Fence:
         raise ConfigError(
             source,
             "fence",
+            MistakeCode.CONFLICT,
             "there are several areas to stay in (the map's boundary is one): ArduPilot wants a vehicle in "
             "all of them, PX4 in any of them, so draw a single one",
         )
@@ -156,14 +158,14 @@ def drawn_areas(config: Config, source: str = "") -> list[Area]:
         polygon = row.corners_deg
         circle = row.circle
         if bool(polygon) == (circle is not None):
-            raise ConfigError(source, key, "expected either corners_deg or circle")
+            raise ConfigError(source, key, MistakeCode.CONFLICT, "expected either corners_deg or circle")
         stay_in = row.kind == "inclusion"
         if circle is not None:
             areas.append(Area(stay_in, (), circle[:2], circle[2], row.limits))
         else:
             corners = _open(polygon)
             if error := corner_error(set(corners)):
-                raise ConfigError(source, f"{key}.corners_deg", error)
+                raise ConfigError(source, f"{key}.corners_deg", MistakeCode.BAD_SHAPE, error)
             areas.append(Area(stay_in, corners, limits=row.limits))
     return areas
 
@@ -184,7 +186,12 @@ def _rally_height_m(row: RallyTable, config: Config) -> float:
     place_m = config.local_frame.to_local(row.lat_deg, row.lon_deg)
     ground_m = 0.0 if elevation is None else elevation.height_msl_m(*place_m) - home_msl_m
     if math.isnan(ground_m):
-        raise ConfigError(config.name, "rally", f"the ground at {row.lat_deg}, {row.lon_deg} is not known")
+        raise ConfigError(
+            config.name,
+            "rally",
+            MistakeCode.OUTSIDE_MAP,
+            f"the ground at {row.lat_deg}, {row.lon_deg} is not known",
+        )
     return ground_m + (row.alt_agl_m or 0.0)
 
 
@@ -194,6 +201,7 @@ def _check(fence: Fence, config: Config, source: str) -> None:
         raise ConfigError(
             source,
             "fence.max_alt_rel_m" if config.fence.max_alt_msl_m is None else "fence.max_alt_msl_m",
+            MistakeCode.CONFLICT,
             f"expected more than the highest altitude layer, {config.mission.highest_rel_m:g} m above home",
         )
     for index, point in enumerate(rally_of(config)):
@@ -201,11 +209,17 @@ def _check(fence: Fence, config: Config, source: str) -> None:
             raise ConfigError(
                 source,
                 f"rally[{index}]",
+                MistakeCode.OUT_OF_RANGE,
                 f"is {point.alt_rel_m} m above home (frame.alt_msl_m); expected {MIN_RALLY_M} m or more",
             )
     for index, row in enumerate(config.rally):
         if fence.beyond([frame.to_local(row.lat_deg, row.lon_deg)], frame):
-            raise ConfigError(source, f"rally[{index}]", "lies outside the fence: a return would breach it")
+            raise ConfigError(
+                source,
+                f"rally[{index}]",
+                MistakeCode.OUTSIDE_MAP,
+                "lies outside the fence: a return would breach it",
+            )
 
 
 def _from_map(config: Config) -> list[Area]:

@@ -23,6 +23,7 @@ import msgspec
 
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame, corner_error
+from gcs.mistake_codes import MistakeCode
 from gcs.model import UNLIMITED, VerticalLimits, vertical_limits
 
 Position: TypeAlias = tuple[float, float]
@@ -101,16 +102,21 @@ def read_zones(text: str, source: str) -> Zones:
     try:
         found = msgspec.json.decode(text)
     except msgspec.DecodeError as error:
-        raise ConfigError(source, "", f"not valid JSON: {error}") from None
+        raise ConfigError(source, "", MistakeCode.INVALID_FILE, f"not valid JSON: {error}") from None
     except RecursionError:
-        raise ConfigError(source, "", "expected GeoJSON; this is nested too deeply") from None
+        raise ConfigError(
+            source, "", MistakeCode.INVALID_FILE, "expected GeoJSON; this is nested too deeply"
+        ) from None
     zones: list[Zone] = []
     boundaries: list[tuple[Polygon, ...]] = []
     for key, geometry, properties in _geometries(found, source):
         kind = properties.get("kind", "no-fly-zone")
         if kind not in ("no-fly-zone", "boundary"):
             raise ConfigError(
-                source, f"{key}.properties.kind", f'expected "no-fly-zone" or "boundary", not {kind!r}'
+                source,
+                f"{key}.properties.kind",
+                MistakeCode.UNKNOWN_NAME,
+                f'expected "no-fly-zone" or "boundary", not {kind!r}',
             )
         shape = geometry.get("type")
         where = f"{key}.geometry" if key else ""
@@ -120,13 +126,18 @@ def read_zones(text: str, source: str) -> Zones:
             radius = properties.get("radius")
             if not isinstance(radius, int | float) or not 0.0 < radius < 1e6:
                 raise ConfigError(
-                    source, f"{key}.properties.radius", "a Point needs its radius in metres, above 0"
+                    source,
+                    f"{key}.properties.radius",
+                    MistakeCode.MISSING_KEY,
+                    "a Point needs its radius in metres, above 0",
                 )
             zones.append(Zone(circle=(_position(corners, source, where), float(radius)), limits=limits))
         elif shape in ("Polygon", "MultiPolygon"):
             many = corners if shape == "MultiPolygon" else [corners]
             if not isinstance(many, list):
-                raise ConfigError(source, where, "expected a list of polygons as coordinates")
+                raise ConfigError(
+                    source, where, MistakeCode.WRONG_TYPE, "expected a list of polygons as coordinates"
+                )
             read = tuple(_polygon(rings, source, where) for rings in many)
             if kind == "boundary":
                 boundaries.append(read)
@@ -134,10 +145,15 @@ def read_zones(text: str, source: str) -> Zones:
                 zones += [Zone(polygon, limits=limits) for polygon in read]
         else:
             allowed = "Polygon or MultiPolygon" + (" or Point" if kind == "no-fly-zone" else "")
-            raise ConfigError(source, where, f"a {kind} is a {allowed}, not {shape!r}")
+            raise ConfigError(
+                source, where, MistakeCode.WRONG_TYPE, f"a {kind} is a {allowed}, not {shape!r}"
+            )
         if len(boundaries) > 1:
             raise ConfigError(
-                source, key, "this is the second boundary: there may be one (a MultiPolygon if need be)"
+                source,
+                key,
+                MistakeCode.DUPLICATE,
+                "this is the second boundary: there may be one (a MultiPolygon if need be)",
             )
     return Zones(tuple(zones), boundaries[0] if boundaries else ())
 
@@ -150,9 +166,14 @@ def _limits(properties: dict[str, Any], kind: str, source: str, key: str) -> Ver
     try:
         limits = vertical_limits(height_m, floor_m, ceiling_m, reference)
     except ValueError as error:
-        raise ConfigError(source, key, str(error)) from None
+        raise ConfigError(source, key, MistakeCode.CONFLICT, str(error)) from None
     if kind == "boundary" and not limits.are_open:
-        raise ConfigError(source, key, "a boundary has no heights: set fence.max_alt_rel_m or max_alt_msl_m")
+        raise ConfigError(
+            source,
+            key,
+            MistakeCode.CONFLICT,
+            "a boundary has no heights: set fence.max_alt_rel_m or max_alt_msl_m",
+        )
     return limits
 
 
@@ -162,7 +183,7 @@ def _geometries(found: Any, source: str) -> Iterator[tuple[str, dict[str, Any], 
     if kind == "FeatureCollection":
         features = found.get("features")
         if not isinstance(features, list):
-            raise ConfigError(source, "features", "expected a list of features")
+            raise ConfigError(source, "features", MistakeCode.WRONG_TYPE, "expected a list of features")
         for index, feature in enumerate(features):
             yield from _feature(feature, source, f"features[{index}]")
     elif kind == "Feature":
@@ -171,28 +192,33 @@ def _geometries(found: Any, source: str) -> Iterator[tuple[str, dict[str, Any], 
         yield "", found, {}
     else:
         raise ConfigError(
-            source, "", f"expected GeoJSON: a FeatureCollection, a Feature or a geometry, not {kind!r}"
+            source,
+            "",
+            MistakeCode.INVALID_FILE,
+            f"expected GeoJSON: a FeatureCollection, a Feature or a geometry, not {kind!r}",
         )
 
 
 def _feature(feature: Any, source: str, key: str) -> Iterator[tuple[str, dict[str, Any], dict[str, Any]]]:
     geometry = feature.get("geometry") if isinstance(feature, dict) else None
     if not isinstance(geometry, dict):
-        raise ConfigError(source, key, "expected a feature with a geometry")
+        raise ConfigError(source, key, MistakeCode.WRONG_TYPE, "expected a feature with a geometry")
     properties = feature.get("properties")
     yield key, geometry, properties if isinstance(properties, dict) else {}
 
 
 def _polygon(rings: Any, source: str, where: str) -> Polygon:
     if not isinstance(rings, list) or not rings:
-        raise ConfigError(source, where, "expected a list of rings of [longitude, latitude]")
+        raise ConfigError(
+            source, where, MistakeCode.WRONG_TYPE, "expected a list of rings of [longitude, latitude]"
+        )
     polygon = []
     for ring in rings:
         corners = tuple(
             _position(corner, source, where) for corner in (ring if isinstance(ring, list) else [])
         )
         if error := corner_error(set(corners)):
-            raise ConfigError(source, where, f"a ring: {error}")
+            raise ConfigError(source, where, MistakeCode.BAD_SHAPE, f"a ring: {error}")
         polygon.append(corners)
     return tuple(polygon)
 
@@ -200,12 +226,17 @@ def _polygon(rings: Any, source: str, where: str) -> Polygon:
 def _position(position: Any, source: str, where: str) -> Position:
     if not isinstance(position, list) or len(position) < 2 or not all(map(_is_number, position[:2])):
         found = reprlib.repr(position)
-        raise ConfigError(source, where, f"expected a position [longitude, latitude], not {found}")
+        raise ConfigError(
+            source, where, MistakeCode.WRONG_TYPE, f"expected a position [longitude, latitude], not {found}"
+        )
     lon = float(position[0])
     lat = float(position[1])
     if not (abs(lon) <= 180.0 and abs(lat) <= 90.0):
         raise ConfigError(
-            source, where, f"[{lon}, {lat}] is no [longitude, latitude] in degrees (in this order)"
+            source,
+            where,
+            MistakeCode.OUT_OF_RANGE,
+            f"[{lon}, {lat}] is no [longitude, latitude] in degrees (in this order)",
         )
     return lon, lat
 

@@ -25,6 +25,7 @@ from gcs.cli.arguments import (
 from gcs.cli.errors import exit_on_error
 from gcs.errors import ConfigError, GcsError, LinkError
 from gcs.io.terminal import console_for
+from gcs.mistake_codes import MistakeCode
 
 if TYPE_CHECKING:
     from sim_vehicles.supervisor import SimulationPlan, Supervisor
@@ -174,7 +175,12 @@ def _check_certificate(endpoint: str, role: str, folder: Path | None) -> None:
     node = read_node(folder)
     if node.role != "command":
         problem = f"{node.common_name} may publish for itself alone; the simulated world has all sensors: "
-        raise ConfigError(str(folder), "--zenoh-tls", problem + "expected a certificate of the role command")
+        raise ConfigError(
+            str(folder),
+            "--zenoh-tls",
+            MistakeCode.BAD_CREDENTIALS,
+            problem + "expected a certificate of the role command",
+        )
     if role == "connect" and (refusal := tls_problem(endpoint, folder)):
         raise LinkError(endpoint, refusal)
 
@@ -252,8 +258,9 @@ def simulate(options: str) -> None:
     from sim_vehicles.campaign.simulate import SimulateOptions
     from sim_vehicles.campaign.simulate import simulate as simulate_runs
 
-    with exit_on_error():
-        are_complete = simulate_runs(msgspec.json.decode(options, type=SimulateOptions))
+    decoded = msgspec.json.decode(options, type=SimulateOptions)
+    with exit_on_error(as_json=decoded.as_json):
+        are_complete = simulate_runs(decoded)
     raise typer.Exit(0 if are_complete else 1)
 
 
@@ -264,8 +271,9 @@ def montecarlo(options: str) -> None:
 
     from sim_vehicles.campaign.montecarlo import MontecarloOptions, run_montecarlo
 
-    with exit_on_error():
-        are_complete = run_montecarlo(msgspec.json.decode(options, type=MontecarloOptions))
+    decoded = msgspec.json.decode(options, type=MontecarloOptions)
+    with exit_on_error(as_json=decoded.as_json):
+        are_complete = run_montecarlo(decoded)
     raise typer.Exit(0 if are_complete else 1)
 
 

@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from gcs.errors import ConfigError
+from gcs.mistake_codes import MistakeCode
 
 
 def command_app(help: str | None = None) -> typer.Typer:  # noqa: A002  as Typer names it
@@ -76,7 +77,9 @@ def check_picture(path: Path | None) -> None:
         When the name has another ending.
     """
     if path is not None and path.suffix.lower() not in (".png", ".pdf", ".svg"):
-        raise ConfigError(str(path), "", "expected a name that ends in .png, .pdf or .svg")
+        raise ConfigError(
+            str(path), "", MistakeCode.WRONG_TYPE, "expected a name that ends in .png, .pdf or .svg"
+        )
 
 
 ScenarioArgument = Annotated[

@@ -22,6 +22,7 @@ from gcs.config.places import local_places, with_local_places
 from gcs.config.text import decode_toml, read_text, scenario_names
 from gcs.config.validation import Table, convert
 from gcs.errors import ConfigError
+from gcs.mistake_codes import MistakeCode
 from gcs.safe_text import printable
 
 __all__ = [
@@ -46,11 +47,13 @@ def parse(text: str, source: str) -> Config:
         For invalid TOML, unknown or missing keys, values out of range, and contradictions between keys.
     """
     if not text.strip():
-        raise ConfigError(source, "", "is empty: `gcs init` writes a first mission file")
+        raise ConfigError(
+            source, "", MistakeCode.INVALID_FILE, "is empty: `gcs init` writes a first mission file"
+        )
     try:
         raw = _printable(decode_toml(text, source))
     except RecursionError:
-        raise ConfigError(source, "", "is nested too deeply") from None
+        raise ConfigError(source, "", MistakeCode.INVALID_FILE, "is nested too deeply") from None
     local, mistakes = with_local_places(raw, source)
     local, more_mistakes = with_altitude_above_home(local, source)
     mistakes += more_mistakes

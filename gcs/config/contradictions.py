@@ -19,6 +19,7 @@ from gcs.endpoints import Link, is_loopback
 from gcs.errors import ConfigError, LinkError, TerrainFileError
 from gcs.geo import corner_error
 from gcs.geojson import read_zones
+from gcs.mistake_codes import MistakeCode
 from gcs.model import vehicle_name
 from gcs.terrain.elevation_text import decode_model, is_model_text
 
@@ -46,6 +47,7 @@ def _contradictions(config: Config, source: str) -> Iterator[ConfigError]:
             yield ConfigError(
                 source,
                 f"agents[{index}].system_id",
+                MistakeCode.DUPLICATE,
                 f"{vehicle_name(vehicle)} is used twice; each agent needs its own",
             )
     for index, agent in enumerate(config.agents):
@@ -54,12 +56,13 @@ def _contradictions(config: Config, source: str) -> Iterator[ConfigError]:
             yield ConfigError(
                 source,
                 f"agents[{index}].airframe",
+                MistakeCode.UNKNOWN_NAME,
                 f"there is no table [airframes.{agent.airframe}]; there is {known}",
             )
     area = config.map
     for index, corners in enumerate(area.polygons_m):
         if error := corner_error({tuple(corner) for corner in corners}):
-            yield ConfigError(source, f"map.polygons_m[{index}]", error)
+            yield ConfigError(source, f"map.polygons_m[{index}]", MistakeCode.BAD_SHAPE, error)
     yield from _heights(config, source)
     lists: list[tuple[str, Sequence[AgentTable | BirthTable]]] = [
         ("agents", config.agents),
@@ -71,6 +74,7 @@ def _contradictions(config: Config, source: str) -> Iterator[ConfigError]:
                 yield ConfigError(
                     source,
                     f"{name}[{index}]",
+                    MistakeCode.OUTSIDE_MAP,
                     f"({row.east_m}, {row.north_m}) lies outside the map: "
                     f"{area.width_m} m x {area.height_m} m",
                 )
@@ -78,6 +82,7 @@ def _contradictions(config: Config, source: str) -> Iterator[ConfigError]:
         yield ConfigError(
             source,
             "takeoff.altitude_rel_m",
+            MistakeCode.CONFLICT,
             f"expected at most mission.altitude_rel_m, {config.mission.altitude_rel_m:g} m; "
             "vehicles climb on from there",
         )
@@ -86,6 +91,7 @@ def _contradictions(config: Config, source: str) -> Iterator[ConfigError]:
         yield ConfigError(
             source,
             "map",
+            MistakeCode.CONFLICT,
             f"the grid's cells must be square: width gives {east:.3f} m a cell, height {north:.3f} m; "
             "change nodes_east or nodes_north",
         )
@@ -97,9 +103,11 @@ def _heights(config: Config, source: str) -> Iterator[ConfigError]:
         key = f"map.obstacles[{index}]"
         shapes = [obstacle.disc_m, obstacle.box_m, obstacle.polygon_m]
         if sum(shape is not None for shape in shapes) != 1:
-            yield ConfigError(source, key, "expected one of disc_m, box_m and polygon_m")
+            yield ConfigError(
+                source, key, MistakeCode.CONFLICT, "expected one of disc_m, box_m and polygon_m"
+            )
         if obstacle.polygon_m and (error := corner_error({tuple(corner) for corner in obstacle.polygon_m})):
-            yield ConfigError(source, f"{key}.polygon_m", error)
+            yield ConfigError(source, f"{key}.polygon_m", MistakeCode.BAD_SHAPE, error)
         yield from _limits(obstacle, source, key)
     for index, area in enumerate(config.fence.areas):
         yield from _limits(area, source, f"fence.areas[{index}]")
@@ -108,20 +116,29 @@ def _heights(config: Config, source: str) -> Iterator[ConfigError]:
             yield ConfigError(
                 source,
                 f"fence.areas[{index}]",
+                MistakeCode.CONFLICT,
                 "an area to stay in has no heights: set fence.max_alt_rel_m or fence.max_alt_msl_m",
             )
     if config.fence.max_alt_msl_m is not None:
         if config.fence.max_alt_rel_m:
-            yield ConfigError(source, "fence", "expected either max_alt_rel_m or max_alt_msl_m")
+            yield ConfigError(
+                source, "fence", MistakeCode.CONFLICT, "expected either max_alt_rel_m or max_alt_msl_m"
+            )
         elif config.max_alt_rel_m <= 0.0:
             yield ConfigError(
                 source,
                 "fence.max_alt_msl_m",
+                MistakeCode.CONFLICT,
                 f"expected more than frame.alt_msl_m, {config.frame.alt_msl_m:g} m",
             )
     for index, point in enumerate(config.rally):
         if sum(alt is not None for alt in (point.alt_rel_m, point.alt_msl_m, point.alt_agl_m)) != 1:
-            yield ConfigError(source, f"rally[{index}]", "expected one of alt_rel_m, alt_msl_m and alt_agl_m")
+            yield ConfigError(
+                source,
+                f"rally[{index}]",
+                MistakeCode.CONFLICT,
+                "expected one of alt_rel_m, alt_msl_m and alt_agl_m",
+            )
 
 
 def _limits(table: LimitsTable, source: str, key: str) -> Iterator[ConfigError]:
@@ -129,7 +146,7 @@ def _limits(table: LimitsTable, source: str, key: str) -> Iterator[ConfigError]:
         table.limits  # noqa: B018  raises
     except ValueError as error:
         name, _, problem = str(error).partition(": ")
-        yield ConfigError(source, f"{key}.{name}", problem)
+        yield ConfigError(source, f"{key}.{name}", MistakeCode.CONFLICT, problem)
 
 
 def _zones(config: Config, source: str) -> Iterator[ConfigError]:
@@ -137,6 +154,7 @@ def _zones(config: Config, source: str) -> Iterator[ConfigError]:
         yield ConfigError(
             source,
             "map.geojson",
+            MistakeCode.WRONG_TYPE,
             'expected the name of a file on a line of its own: geojson = "zones.geojson"',
         )
         return
@@ -150,6 +168,7 @@ def _zones(config: Config, source: str) -> Iterator[ConfigError]:
             yield ConfigError(
                 source,
                 "map.geojson",
+                MistakeCode.OUTSIDE_MAP,
                 f"{what} lies far from the frame's origin ({config.frame.lat_deg:.3f}°, "
                 f"{config.frame.lon_deg:.3f}°); positions are [longitude, latitude], in this order",
             )
@@ -161,23 +180,30 @@ def _terrain(config: Config, terrain: TerrainTable, source: str) -> Iterator[Con
         yield ConfigError(
             source,
             "terrain.max_agl_m",
+            MistakeCode.CONFLICT,
             f"expected at least {_MIN_BAND_M:g} m above terrain.min_agl_m, {terrain.min_agl_m:g} m",
         )
     if not is_model_text(terrain.file):
         yield ConfigError(
-            source, "terrain.file", 'expected the name of a file on a line of its own: file = "ground.tif"'
+            source,
+            "terrain.file",
+            MistakeCode.WRONG_TYPE,
+            'expected the name of a file on a line of its own: file = "ground.tif"',
         )
         return
     try:
         ground = decode_model(terrain.file).elevation
     except TerrainFileError as error:
-        yield ConfigError(source, "terrain.file", f"expected the name of a file; this is {error}")
+        yield ConfigError(
+            source, "terrain.file", MistakeCode.INVALID_FILE, f"expected the name of a file; this is {error}"
+        )
         return
     corners = np.array([[0.0, 0.0], [config.map.width_m, config.map.height_m]])
     if not np.isfinite(ground.heights_at(corners)).all():
         yield ConfigError(
             source,
             "terrain.file",
+            MistakeCode.CONFLICT,
             "the elevation model is that of a smaller map: expected the name of its file",
         )
 
@@ -192,17 +218,17 @@ def _zenoh(links: LinksTable, source: str) -> Iterator[ConfigError]:
         is_tls = endpoint.startswith("tls/")
         if is_tls and not links.zenoh_tls:
             problem = f"is missing: {endpoint} needs a folder with a certificate (gcs keys node)"
-            yield ConfigError(source, "links.zenoh_tls", problem)
+            yield ConfigError(source, "links.zenoh_tls", MistakeCode.MISSING_KEY, problem)
         if links.zenoh_tls and not is_tls:
             problem = f"{endpoint} would not use links.zenoh_tls; expected tls/HOST:PORT"
-            yield ConfigError(source, f"links.{key}", problem)
+            yield ConfigError(source, f"links.{key}", MistakeCode.CONFLICT, problem)
         if not (is_tls or is_loopback(endpoint) or links.zenoh_unprotected):
             problem = (
                 f"{endpoint} lets every program on that network command the vehicles: expected tls/HOST:PORT "
                 "with links.zenoh_tls (gcs keys node), or zenoh_unprotected = true where no one else is on "
                 "that network"
             )
-            yield ConfigError(source, f"links.{key}", problem)
+            yield ConfigError(source, f"links.{key}", MistakeCode.INSECURE, problem)
 
 
 def _bridge(config: Config, source: str, key: str, link: Link) -> Iterator[ConfigError]:
@@ -210,10 +236,15 @@ def _bridge(config: Config, source: str, key: str, link: Link) -> Iterator[Confi
     names = [one.name for one in config.links.bridges]
     if link.bridge and link.bridge not in names:
         listed = ", ".join(names) or "none"
-        yield ConfigError(source, f"{key}.bridge", f"no bridge is called {link.bridge}; there is {listed}")
+        yield ConfigError(
+            source,
+            f"{key}.bridge",
+            MistakeCode.UNKNOWN_NAME,
+            f"no bridge is called {link.bridge}; there is {listed}",
+        )
     if len(names) > 1 and not link.bridge:
         problem = f"expected the bridge that opens it: {', '.join(names)}"
-        yield ConfigError(source, f"{key}.bridge", problem)
+        yield ConfigError(source, f"{key}.bridge", MistakeCode.MISSING_KEY, problem)
 
 
 def _links(config: Config, source: str) -> Iterator[ConfigError]:
@@ -221,27 +252,37 @@ def _links(config: Config, source: str) -> Iterator[ConfigError]:
     names = [one.name for one in config.links.bridges]
     for index, name in enumerate(names):
         if name in names[:index]:
-            yield ConfigError(source, f"links.bridges[{index}].name", f"{name} is there twice")
+            yield ConfigError(
+                source, f"links.bridges[{index}].name", MistakeCode.DUPLICATE, f"{name} is there twice"
+            )
     links: list[tuple[str, Link]] = []
     for key, entry in config.links.entries():
         try:
             link = link_of(entry)
         except LinkError as error:
-            yield ConfigError(source, key, str(error))
+            yield ConfigError(source, key, MistakeCode.WRONG_TYPE, str(error))
             continue
         yield from _bridge(config, source, key, link)
         if link.name in (other.name for _, other in links):
-            yield ConfigError(source, key, f"{link.name} is there twice; each endpoint is one link")
+            yield ConfigError(
+                source, key, MistakeCode.DUPLICATE, f"{link.name} is there twice; each endpoint is one link"
+            )
         links.append((key, link))
     reached = {link.network for _, link in links if link.role == "vehicles"}
     for key, link in links:
         if link.network not in reached:
-            yield ConfigError(source, key, f"network {link.network} has no endpoint in links.mavlink")
+            yield ConfigError(
+                source,
+                key,
+                MistakeCode.UNKNOWN_NAME,
+                f"network {link.network} has no endpoint in links.mavlink",
+            )
     for index, agent in enumerate(config.agents):
         if agent.network not in reached:
             yield ConfigError(
                 source,
                 f"agents[{index}].network",
+                MistakeCode.UNKNOWN_NAME,
                 f"network {agent.network} has no endpoint in links.mavlink; "
                 f"there is {', '.join(map(str, sorted(reached)))}",
             )

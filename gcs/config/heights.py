@@ -8,6 +8,7 @@ from __future__ import annotations
 from gcs.config.schema import FrameTable, MissionTable
 from gcs.config.validation import convert
 from gcs.errors import ConfigError
+from gcs.mistake_codes import MistakeCode
 
 
 def with_altitude_above_home(raw: object, source: str) -> tuple[object, list[ConfigError]]:
@@ -18,7 +19,11 @@ def with_altitude_above_home(raw: object, source: str) -> tuple[object, list[Con
     if "altitude_msl_m" not in mission:
         return raw, []
     if "altitude_rel_m" in mission:
-        return raw, [ConfigError(source, "mission", "expected either altitude_rel_m or altitude_msl_m")]
+        return raw, [
+            ConfigError(
+                source, "mission", MistakeCode.CONFLICT, "expected either altitude_rel_m or altitude_msl_m"
+            )
+        ]
     try:
         origin_msl_m = convert(raw.get("frame"), FrameTable, source, "frame").alt_msl_m
         altitude_msl_m = convert(mission, MissionTable, source, "mission").altitude_msl_m
@@ -26,5 +31,5 @@ def with_altitude_above_home(raw: object, source: str) -> tuple[object, list[Con
         return raw, []  # validation refuses this
     if altitude_msl_m is None or altitude_msl_m <= origin_msl_m:
         problem = f"expected more than frame.alt_msl_m, {origin_msl_m:g} m"
-        return raw, [ConfigError(source, "mission.altitude_msl_m", problem)]
+        return raw, [ConfigError(source, "mission.altitude_msl_m", MistakeCode.CONFLICT, problem)]
     return raw | {"mission": mission | {"altitude_rel_m": altitude_msl_m - origin_msl_m}}, []

@@ -13,6 +13,7 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from gcs.errors import ConfigError
+from gcs.mistake_codes import MistakeCode
 
 _STEP = re.compile(r"([A-Za-z0-9_-]+)((?:\[\d+\])*)")
 
@@ -40,15 +41,23 @@ def override_keys(text: str, settings: Sequence[str], source: str) -> str:
     try:
         document = tomlkit.parse(text)
     except TOMLKitError as error:
-        raise ConfigError(source, "", f"not valid TOML: {error}") from None
+        raise ConfigError(source, "", MistakeCode.INVALID_FILE, f"not valid TOML: {error}") from None
     for setting in settings:
         key, equals, value = (part.strip() for part in setting.partition("="))
         steps = _steps(key)
         if not equals or not value or not steps:
             raise ConfigError(
-                "--set or --sweep", setting, "expected KEY=VALUE, such as planning.switch_gain_m=50"
+                "--set or --sweep",
+                setting,
+                MistakeCode.WRONG_TYPE,
+                "expected KEY=VALUE, such as planning.switch_gain_m=50",
             )
-        _set(document, steps, value, ConfigError(source, key, "there is no such table or row to change"))
+        _set(
+            document,
+            steps,
+            value,
+            ConfigError(source, key, MistakeCode.UNKNOWN_KEY, "there is no such table or row to change"),
+        )
     return tomlkit.dumps(document)
 
 

@@ -12,6 +12,7 @@ from gcs.config.schema import FrameTable, Latitude, Longitude
 from gcs.config.validation import Table, convert
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame
+from gcs.mistake_codes import MistakeCode
 
 _DEGREES = ("lat_deg", "lon_deg")
 _METRES = ("east_m", "north_m")
@@ -88,7 +89,7 @@ def _local(row: Any, frame: LocalFrame | None, source: str, key: str) -> tuple[f
     if metres:
         given = " and ".join([*metres, *(name for name in _DEGREES if name in row)])
         expected = "expected either `east_m` and `north_m`, or `lat_deg` and `lon_deg`"
-        raise ConfigError(source, key, f"{expected}, got {given}")
+        raise ConfigError(source, key, MistakeCode.CONFLICT, f"{expected}, got {given}")
     place = convert({name: row[name] for name in _DEGREES if name in row}, _Degrees, source, key)
     if frame is None:
         return 0.0, 0.0
@@ -98,6 +99,7 @@ def _local(row: Any, frame: LocalFrame | None, source: str, key: str) -> tuple[f
         raise ConfigError(
             source,
             key,
+            MistakeCode.OUTSIDE_MAP,
             f"{place.lat_deg}°, {place.lon_deg}° lies far from the frame's origin "
             f"({frame.lat_deg:.3f}°, {frame.lon_deg:.3f}°); are latitude and longitude swapped?",
         )

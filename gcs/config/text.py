@@ -17,6 +17,7 @@ from gcs.errors import ConfigError, TerrainFileError
 from gcs.files import read_text as read_file
 from gcs.geo import LocalFrame
 from gcs.geojson import read_zones
+from gcs.mistake_codes import MistakeCode
 from gcs.terrain.elevation_text import encode_model, is_model_text
 
 _GEOJSON = re.compile(
@@ -82,7 +83,10 @@ def _read(scenario: str) -> tuple[str, str]:
     path = Path(scenario)
     if not path.exists():
         raise ConfigError(
-            scenario, "", f"no such file or scenario; shipped scenarios: {', '.join(scenario_names())}"
+            scenario,
+            "",
+            MistakeCode.NOT_FOUND,
+            f"no such file or scenario; shipped scenarios: {', '.join(scenario_names())}",
         )
     return _text_of(path), os.fspath(path)
 
@@ -91,9 +95,13 @@ def _text_of(path: Path) -> str:
     try:
         return read_file(path, _MAX_BYTES)
     except OSError as error:
-        raise ConfigError(os.fspath(path), "", f"cannot be read: {error.strerror}") from None
+        raise ConfigError(
+            os.fspath(path), "", MistakeCode.NO_ACCESS, f"cannot be read: {error.strerror}"
+        ) from None
     except UnicodeDecodeError:
-        raise ConfigError(os.fspath(path), "", "is not text: expected a mission file in TOML") from None
+        raise ConfigError(
+            os.fspath(path), "", MistakeCode.INVALID_FILE, "is not text: expected a mission file in TOML"
+        ) from None
 
 
 def decode_toml(text: str, source: str) -> dict[str, Any]:
@@ -105,15 +113,21 @@ def decode_toml(text: str, source: str) -> dict[str, Any]:
         For invalid TOML, or a text that is too long or nested too deeply.
     """
     if len(text) > 3 * _MAX_BYTES:  # of a file and the GeoJSON that it names
-        raise ConfigError(source, "", f"expected less than {3 * _MAX_BYTES / 1e6:.0f} MB of TOML")
+        raise ConfigError(
+            source, "", MistakeCode.TOO_LARGE, f"expected less than {3 * _MAX_BYTES / 1e6:.0f} MB of TOML"
+        )
     if _DEEP_KEY.search(text):
-        raise ConfigError(source, "", f"not valid here: a key of more than {_MAX_DEPTH} words")
+        raise ConfigError(
+            source, "", MistakeCode.INVALID_FILE, f"not valid here: a key of more than {_MAX_DEPTH} words"
+        )
     try:
         table: dict[str, Any] = msgspec.toml.decode(text)
     except RecursionError:
-        raise ConfigError(source, "", "not valid TOML: nested too deeply") from None
+        raise ConfigError(source, "", MistakeCode.INVALID_FILE, "not valid TOML: nested too deeply") from None
     except (msgspec.DecodeError, ValueError) as error:
-        raise ConfigError(source, "", f"not valid TOML: {_with_line(str(error), text)}") from None
+        raise ConfigError(
+            source, "", MistakeCode.INVALID_FILE, f"not valid TOML: {_with_line(str(error), text)}"
+        ) from None
     return table
 
 
@@ -137,7 +151,7 @@ def _with_zones(text: str, path: Path) -> str:
         return text
     file = path.parent / name
     if not file.exists():
-        raise ConfigError(os.fspath(path), "map.geojson", f"no such file: {file}")
+        raise ConfigError(os.fspath(path), "map.geojson", MistakeCode.NOT_FOUND, f"no such file: {file}")
     zones = _text_of(file)
     read_zones(zones, os.fspath(file))
     # A JSON string of one line without control characters is a TOML string too.
@@ -174,16 +188,19 @@ def _elevation_text(path: Path, terrain: TerrainTable, frame: LocalFrame, size_m
     """Return the elevation model of a mission file as text."""
     file = path.parent / terrain.file
     if not file.exists():
-        raise ConfigError(os.fspath(path), "terrain.file", f"no such file: {file}")
+        raise ConfigError(os.fspath(path), "terrain.file", MistakeCode.NOT_FOUND, f"no such file: {file}")
     try:
         from gcs.terrain.elevation_file import read_elevation_model
     except ImportError as error:
         raise ConfigError(
             os.fspath(path),
             "terrain.file",
+            MistakeCode.NOT_FOUND,
             f"elevation models need {error.name}: pip install 'swarm-gcs[terrain]'",
         ) from None
     try:
         return encode_model(read_elevation_model(file, frame, size_m, terrain.vertical_datum))
     except TerrainFileError as error:
-        raise ConfigError(os.fspath(path), "terrain.file", f"{file}: {error}") from None
+        raise ConfigError(
+            os.fspath(path), "terrain.file", MistakeCode.INVALID_FILE, f"{file}: {error}"
+        ) from None

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import re
 import types
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from difflib import get_close_matches
-from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import msgspec
 
 from gcs.allowed_words import with_allowed_words
 from gcs.errors import ConfigError
+from gcs.mistake_codes import MistakeCode
 
 T = TypeVar("T")
 
@@ -51,22 +52,26 @@ def convert(raw: object, to: type[T], source: str, prefix: str = "") -> T:
     try:
         return msgspec.convert(raw, to)
     except RecursionError:
-        raise ConfigError(source, prefix, "is nested too deeply") from None
+        raise ConfigError(source, prefix, MistakeCode.INVALID_FILE, "is nested too deeply") from None
     except msgspec.ValidationError:
-        found = [ConfigError(source, key, problem) for key, problem in _mistakes(raw, to, prefix)]
+        found = [ConfigError(source, *mistake) for mistake in _mistakes(raw, to, prefix)]
         raise ConfigError.of_all(found) from None
 
 
-def _mistakes(raw: Any, to: Any, key: str) -> Iterator[tuple[str, str]]:
-    """Yield the dotted key and description of each mistake; of a table, field by field."""
+def _mistakes(raw: Any, to: Any, key: str) -> Iterator[tuple[str, MistakeCode, str]]:
+    """Yield the dotted key, the kind and the description of each mistake; of a table, field by field."""
     to = _without_none(to)
     if isinstance(to, type) and issubclass(to, msgspec.Struct) and isinstance(raw, dict):
         fields = {field.encode_name: field for field in msgspec.structs.fields(to)}
         found = []
         if to.__struct_config__.forbid_unknown_fields:
-            found += [(key, _unknown(str(name), list(fields))) for name in raw if name not in fields]
+            found += [
+                (key, MistakeCode.UNKNOWN_KEY, _unknown(str(name), list(fields)))
+                for name in raw
+                if name not in fields
+            ]
         found += [
-            (key, f"the key `{name}` is missing here")
+            (key, MistakeCode.MISSING_KEY, f"the key `{name}` is missing here")
             for name, field in fields.items()
             if field.required and name not in raw
         ]
@@ -96,7 +101,44 @@ def _mistakes(raw: Any, to: Any, key: str) -> Iterator[tuple[str, str]]:
         match = _WHERE.match(str(error))
         assert match is not None
         path = (match["path"] or "$").removeprefix("$")
-        yield (key + path).removeprefix("."), _plain(with_allowed_words(match["problem"], to, path))
+        problem = _plain(with_allowed_words(match["problem"], to, path))
+        yield (key + path).removeprefix("."), _kind(raw, to), problem
+
+
+def _kind(raw: Any, to: Any) -> MistakeCode:
+    """Return the kind of the mistake of a value that has no fields."""
+    without_limits = _without_limits(to)
+    for kind, code in (
+        (without_limits, MistakeCode.OUT_OF_RANGE),
+        (_with_any_word(without_limits), MistakeCode.UNKNOWN_NAME),
+    ):
+        try:
+            msgspec.convert(raw, kind)
+        except msgspec.ValidationError:
+            continue
+        return MistakeCode.WRONG_TYPE if isinstance(raw, str) and code is MistakeCode.OUT_OF_RANGE else code
+    return MistakeCode.WRONG_TYPE
+
+
+def _without_limits(kind: Any) -> Any:
+    """Return a type without its ranges, lengths and patterns."""
+    if get_origin(kind) is Annotated:
+        return _without_limits(get_args(kind)[0])
+    return _rebuilt(kind, _without_limits)
+
+
+def _with_any_word(kind: Any) -> Any:
+    """Return a type that takes any text where it takes certain words."""
+    return str if get_origin(kind) is Literal else _rebuilt(kind, _with_any_word)
+
+
+def _rebuilt(kind: Any, change: Callable[[Any], Any]) -> Any:
+    """Return a type with its parts changed."""
+    origin = get_origin(kind)
+    if origin is None or origin is Literal:
+        return kind
+    parts = tuple(part if part is ... else change(part) for part in get_args(kind))
+    return Union[parts] if origin in (Union, types.UnionType) else origin[parts]  # noqa: UP007  made here
 
 
 def _bare(to: Any) -> Any:

@@ -42,8 +42,8 @@ class LogConsole(Console):
         self.as_json = as_json
         self._has_priorities = has_priorities
 
-    def print(self, *objects: Any, **options: Any) -> None:
-        """Write a message."""
+    def print(self, *objects: Any, parameters: Mapping[str, object] | None = None, **options: Any) -> None:
+        """Write a message; its parameters are for programs."""
         with self.capture() as captured:
             super().print(*objects, **options)
         text = "\n".join(line.rstrip() for line in captured.get().splitlines()).strip("\n")
@@ -51,8 +51,10 @@ class LogConsole(Console):
             return
         level = _level(objects, options.get("style"))
         if self.as_json:
-            nameless: dict[str, Any] = {"code": None, "level": level, "subject": None, "parameters": {}}
-            self._write_object(level, {"t_ns": time_ns(), **nameless, "text": text})
+            nameless: dict[str, Any] = {"code": None, "level": level, "subject": None}
+            self._write_object(
+                level, {"t_ns": time_ns(), **nameless, "parameters": parameters or {}, "text": text}
+            )
         else:
             self._write(level, text.split("\n"))
 

@@ -19,6 +19,7 @@ from gcs.config import Config, Table, convert, local_places, parse, read_text
 from gcs.config.schema import Box, NotNegative, Positive, Probability, SystemId
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame
+from gcs.mistake_codes import MistakeCode
 from sim_vehicles.autopilots.parameters import Parameters
 from sim_vehicles.vehicle.faults import parse_fault
 
@@ -162,6 +163,7 @@ def parse_scenario(text: str, source: str) -> Scenario:
         raise ConfigError(
             source,
             "simulation",
+            MistakeCode.MISSING_KEY,
             "the table is missing: this file has no world to simulate",
         )
     raw = dict(config.simulation)
@@ -192,17 +194,32 @@ def with_faults(scenario: Scenario, texts: Iterable[str]) -> Scenario:
 def _cross_check(config: Config, simulation: Simulation, source: str) -> None:
     for index, agent in enumerate(config.agents):
         if agent.network:
-            raise ConfigError(source, f"agents[{index}].network", "simulated vehicles are on network 0")
+            raise ConfigError(
+                source,
+                f"agents[{index}].network",
+                MistakeCode.OUT_OF_RANGE,
+                "simulated vehicles are on network 0",
+            )
     known = {agent.system_id for agent in config.agents}
     named = {f"death.prescribed[{i}]": death.system_id for i, death in enumerate(simulation.death.prescribed)}
     named |= {f"faults[{i}]": fault.system_id for i, fault in enumerate(simulation.faults)}
     for key, system_id in named.items():
         if system_id not in known:
-            raise ConfigError(source, f"simulation.{key}.system_id", f"{system_id} is none of the agents")
+            raise ConfigError(
+                source,
+                f"simulation.{key}.system_id",
+                MistakeCode.UNKNOWN_NAME,
+                f"{system_id} is none of the agents",
+            )
     known_names = Parameters(px4=True)
     for name in simulation.parameters:
         if name not in known_names:
-            raise ConfigError(source, f"simulation.parameters.{name}", "no simulated vehicle has it")
+            raise ConfigError(
+                source,
+                f"simulation.parameters.{name}",
+                MistakeCode.UNKNOWN_KEY,
+                "no simulated vehicle has it",
+            )
     _check_sensors(simulation, source)
     width_m = config.map.width_m
     height_m = config.map.height_m
@@ -211,12 +228,23 @@ def _cross_check(config: Config, simulation: Simulation, source: str) -> None:
             raise ConfigError(
                 source,
                 f"simulation.targets[{index}]",
+                MistakeCode.OUTSIDE_MAP,
                 f"({target.east_m}, {target.north_m}) lies outside the map: {width_m} m x {height_m} m",
             )
     if simulation.targets and simulation.gaussian_targets:
-        raise ConfigError(source, "simulation", "expected either `targets` or `gaussian_targets`, not both")
+        raise ConfigError(
+            source,
+            "simulation",
+            MistakeCode.CONFLICT,
+            "expected either `targets` or `gaussian_targets`, not both",
+        )
     if simulation.gaussian_targets and not config.births:
-        raise ConfigError(source, "simulation.gaussian_targets", "needs `[[births]]` to draw the places from")
+        raise ConfigError(
+            source,
+            "simulation.gaussian_targets",
+            MistakeCode.MISSING_KEY,
+            "needs `[[births]]` to draw the places from",
+        )
 
 
 def _check_sensors(simulation: Simulation, source: str) -> None:
@@ -228,17 +256,25 @@ def _check_sensors(simulation: Simulation, source: str) -> None:
         box = table.field_m
         if table.name in names:
             raise ConfigError(
-                source, f"{key}.name", f"`{table.name}` is used twice; each sensor needs its own"
+                source,
+                f"{key}.name",
+                MistakeCode.DUPLICATE,
+                f"`{table.name}` is used twice; each sensor needs its own",
             )
         names.add(table.name)
         if box is not None and not (box[0] < box[2] and box[1] < box[3]):
             raise ConfigError(
-                source, f"{key}.field_m", "expected [east_min, north_min, east_max, north_max] with min < max"
+                source,
+                f"{key}.field_m",
+                MistakeCode.BAD_SHAPE,
+                "expected [east_min, north_min, east_max, north_max] with min < max",
             )
         if table.range == "slant" and table.height_agl_m is None:
-            raise ConfigError(source, f"{key}.range", '"slant" needs height_agl_m')
+            raise ConfigError(source, f"{key}.range", MistakeCode.MISSING_KEY, '"slant" needs height_agl_m')
         if table.least_range_m >= table.most_range_m:
-            raise ConfigError(source, f"{key}.most_range_m", "expected more than least_range_m")
+            raise ConfigError(
+                source, f"{key}.most_range_m", MistakeCode.CONFLICT, "expected more than least_range_m"
+            )
 
 
 def generator(seed: int, purpose: str, *index: int) -> np.random.Generator:

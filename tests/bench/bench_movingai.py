@@ -29,6 +29,7 @@ from movingai import MAX_BYTES, read_map
 
 from gcs.errors import ConfigError
 from gcs.files import read_text
+from gcs.mistake_codes import MistakeCode
 from gcs.planning.map.grid import Grid, Node
 from gcs.planning.warm_up import warm_up
 
@@ -95,10 +96,13 @@ def read_problems(text: str, source: str) -> tuple[Problem, ...]:
             raise ConfigError(
                 source,
                 f"line {number}",
+                MistakeCode.INVALID_FILE,
                 "expected bucket, map, width, height, start x, start y, goal x, goal y, optimal length",
             ) from None
         if not math.isfinite(length):
-            raise ConfigError(source, f"line {number}", "the optimal length is not a number")
+            raise ConfigError(
+                source, f"line {number}", MistakeCode.WRONG_TYPE, "the optimal length is not a number"
+            )
         problems.append(
             Problem(bucket, words[1], (height, width), (start_y, start_x), (goal_y, goal_x), length)
         )
@@ -116,13 +120,14 @@ def read_benchmark(map_file: Path, scen_file: Path) -> tuple[Grid, tuple[Problem
     grid = read_map(_text(map_file), str(map_file))
     problems = read_problems(_text(scen_file), str(scen_file))
     if not problems:
-        raise ConfigError(str(scen_file), "", "no problem in it")
+        raise ConfigError(str(scen_file), "", MistakeCode.INVALID_FILE, "no problem in it")
     for problem in problems:
         if problem.shape != grid.shape:
             (height, width), (rows, cols) = problem.shape, grid.shape
             raise ConfigError(
                 str(scen_file),
                 problem.map_name,
+                MistakeCode.CONFLICT,
                 f"expected a map of {width} x {height}; {map_file.name} is {cols} x {rows}",
             )
     return grid, problems
@@ -132,7 +137,7 @@ def _text(path: Path) -> str:
     try:
         return read_text(path, MAX_BYTES)
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(str(path), "", f"cannot be read: {error}") from None
+        raise ConfigError(str(path), "", MistakeCode.NO_ACCESS, f"cannot be read: {error}") from None
 
 
 def solve(grid: Grid, problem: Problem) -> Solution:

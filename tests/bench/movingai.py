@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from gcs.errors import ConfigError
+from gcs.mistake_codes import MistakeCode
 from gcs.planning.map.grid import Grid
 
 _FREE_CHARS = b".GS"
@@ -33,7 +34,7 @@ def read_map(text: str, source: str) -> Grid:
         Names `source`, the line at fault and what was expected there.
     """
     if text.count("\n") > _MAX_LINES:
-        raise ConfigError(source, "", f"expected a map of at most {_MAX_LINES} lines")
+        raise ConfigError(source, "", MistakeCode.TOO_LARGE, f"expected a map of at most {_MAX_LINES} lines")
     lines = text.split("\n")
     header = {}
     for number, line in enumerate(lines[:4]):
@@ -44,30 +45,48 @@ def read_map(text: str, source: str) -> Grid:
             break
     else:
         raise ConfigError(
-            source, "line 1", "expected a Moving AI map: type, height, width and map, a line each"
+            source,
+            "line 1",
+            MistakeCode.INVALID_FILE,
+            "expected a Moving AI map: type, height, width and map, a line each",
         )
     try:
         height = int(header["height"])
         width = int(header["width"])
     except (KeyError, ValueError):
         raise ConfigError(
-            source, "header", "expected `height` and `width` with a whole number each"
+            source,
+            "header",
+            MistakeCode.MISSING_KEY,
+            "expected `height` and `width` with a whole number each",
         ) from None
     if not (height > 0 and width > 0 and height * width <= _MAX_CELLS):
-        raise ConfigError(source, "header", f"{width} x {height} is no size for a map")
+        raise ConfigError(
+            source, "header", MistakeCode.OUT_OF_RANGE, f"{width} x {height} is no size for a map"
+        )
     while lines and not lines[-1].strip():
         lines.pop()
     if len(lines) != height:
-        raise ConfigError(source, f"line {len(header) + 1}", f"expected {height} rows, found {len(lines)}")
+        raise ConfigError(
+            source,
+            f"line {len(header) + 1}",
+            MistakeCode.INVALID_FILE,
+            f"expected {height} rows, found {len(lines)}",
+        )
     blocked = np.empty((height, width), dtype=np.bool_)
     for row, line in enumerate(lines):
         cells = line.rstrip().encode("ascii", errors="replace")
         where = f"line {len(header) + row + 1}"
         if len(cells) != width:
-            raise ConfigError(source, where, f"expected {width} characters, found {len(cells)}")
+            raise ConfigError(
+                source, where, MistakeCode.INVALID_FILE, f"expected {width} characters, found {len(cells)}"
+            )
         if unknown := cells.strip(_FREE_CHARS + _BLOCKED_CHARS).translate(None, _FREE_CHARS + _BLOCKED_CHARS):
             raise ConfigError(
-                source, where, f"expected . G S (ground) or @ O T W (blocked), not {chr(unknown[0])!r}"
+                source,
+                where,
+                MistakeCode.INVALID_FILE,
+                f"expected . G S (ground) or @ O T W (blocked), not {chr(unknown[0])!r}",
             )
         blocked[row] = np.isin(
             np.frombuffer(cells, dtype=np.uint8), np.frombuffer(_BLOCKED_CHARS, dtype=np.uint8)

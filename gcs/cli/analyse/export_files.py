@@ -19,6 +19,7 @@ from gcs.io.recording.reader import Damage, is_recording, read, read_info
 from gcs.io.recording.timestamps import LogClock
 from gcs.io.recording.tlog import LogFrame, read_log
 from gcs.mavlink.frames.codec import Frame, scan
+from gcs.mistake_codes import MistakeCode
 from gcs.model import AgentStatus, Datagram, Notice, Picture, Plan, limits_text
 from gcs.report.export.features import geojson_text
 from gcs.report.export.foxglove import FoxgloveMessages, Message, Outline
@@ -48,11 +49,15 @@ def write_export(path: Path, out: Path, console: Console, *, config: str | None,
     """
     formatted = _FORMATS.get(out.suffix.lower())
     if formatted is None and out.suffix.lower() != ".mcap":
-        raise ConfigError(str(out), "", "expected a name that ends in .kml, .geojson, .gpx or .mcap")
+        raise ConfigError(
+            str(out), "", MistakeCode.WRONG_TYPE, "expected a name that ends in .kml, .geojson, .gpx or .mcap"
+        )
     if out.exists() and not force:
-        raise ConfigError(str(out), "", "exists already; choose another name, or add --force")
+        raise ConfigError(
+            str(out), "", MistakeCode.EXISTS, "exists already; choose another name, or add --force"
+        )
     if out.exists() and out.samefile(path):
-        raise ConfigError(str(out), "", "is the run itself; choose another name")
+        raise ConfigError(str(out), "", MistakeCode.EXISTS, "is the run itself; choose another name")
     if formatted is None:
         count = write_mcap(out, _messages(path, config, console))
         console.print(f"{out}: {count} messages", highlight=False, markup=False, soft_wrap=True)
@@ -90,7 +95,9 @@ def mission_of(path: Path, config: str | None) -> Config:
         return load(config)
     text = read_info(path).config_text
     if not text:
-        raise ConfigError(str(path), "", "has no mission file; name one with --config")
+        raise ConfigError(
+            str(path), "", MistakeCode.MISSING_KEY, "has no mission file; name one with --config"
+        )
     return parse(text, f"{path}: its mission file")
 
 

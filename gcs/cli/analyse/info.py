@@ -55,7 +55,7 @@ def info(
 
     Prints vehicles, messages and their rates, gaps, losses, mission transfers and damage.
     """
-    with exit_on_error():
+    with exit_on_error(as_json=as_json):
         print_info(file, console_for(stderr=as_json), as_json=as_json)
 
 

@@ -12,6 +12,7 @@ from rich.filesize import decimal
 from gcs.errors import ConfigError
 from gcs.io.detections.columns import Columns, find_columns
 from gcs.io.detections.table_files import DETECTION_TITLES, TIME_UNIT_NS, array_table, read_csv, read_npz
+from gcs.mistake_codes import MistakeCode
 from gcs.model import NS_PER_S, FloatArray
 
 _MIN_GAP_PERIODS: Final = 5.0
@@ -30,7 +31,7 @@ def detections_contents(path: Path) -> dict[str, Any]:
     """
     more: list[str] = []
     if path.is_file() and path.stat().st_size == 0:
-        raise ConfigError(str(path), "", "is empty")
+        raise ConfigError(str(path), "", MistakeCode.INVALID_FILE, "is empty")
     if path.suffix.lower() == ".npz":
         arrays = read_npz(path)
         table = array_table(path, arrays, "meas")

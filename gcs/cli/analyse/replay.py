@@ -85,7 +85,7 @@ def replay(
     from gcs.cli.console_options import PageOptions
     from gcs.service.replay import Window
 
-    with exit_on_error():
+    with exit_on_error(as_json=as_json):
         file = RunFile(recording, config, seed, detections, model, offset)
         window = Window(start, math.inf if end is None else end)
         options = ReplayOptions(

@@ -54,6 +54,6 @@ def report(
     from gcs.cli.analyse.run_file import RunFile
 
     console = console_for(stderr=as_json)
-    with exit_on_error():
+    with exit_on_error(as_json=as_json):
         file = RunFile(recording, config, seed, detections, model, offset)
         run_report(ReportOptions(file, out, timing, as_json), console)

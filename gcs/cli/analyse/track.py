@@ -73,5 +73,5 @@ def track(
     from gcs.cli.analyse.track_run import TrackOptions, run_track
 
     options = TrackOptions(tuple(files), model, truth, estimator, lag_scans, cutoff_m, out, plot, as_json)
-    with exit_on_error():
+    with exit_on_error(as_json=as_json):
         run_track(options, console_for(stderr=as_json))

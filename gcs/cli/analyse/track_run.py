@@ -26,6 +26,7 @@ from gcs.errors import ConfigError, RecordingError
 from gcs.io.detections.track_input import Detections, load
 from gcs.io.parquet import write_parquet
 from gcs.io.recording.mcap_file import recording_bytes
+from gcs.mistake_codes import MistakeCode
 from gcs.model import FloatArray, IntArray, Label
 from gcs.report.plots.track_figure import TrackingDrawing, draw_tracking
 from gcs.tracking import Estimator
@@ -60,11 +61,21 @@ def run_track(options: TrackOptions, console: Console) -> None:
     """
     check_picture(options.plot)
     if options.lag_scans is not None and options.estimator != "smoothed":
-        raise ConfigError("--lag-scans", "", "is for smoothed paths: expected --estimator smoothed with it")
+        raise ConfigError(
+            "--lag-scans",
+            "",
+            MistakeCode.CONFLICT,
+            "is for smoothed paths: expected --estimator smoothed with it",
+        )
     if len(options.paths) > 1:
         for option, path in (("-o", options.out), ("--plot", options.plot), ("--truth", options.truth)):
             if path is not None:
-                raise ConfigError(str(path), option, f"is for one file: got {len(options.paths)} files")
+                raise ConfigError(
+                    str(path),
+                    option,
+                    MistakeCode.CONFLICT,
+                    f"is for one file: got {len(options.paths)} files",
+                )
         _run_several(options, console)
     else:
         _run_one(options, console)
@@ -136,14 +147,23 @@ def _check_outputs(options: TrackOptions) -> None:
         if path is None:
             continue
         if path.resolve() in used:
-            raise ConfigError(str(path), option, f"is {used[path.resolve()]} as well; expected another file")
+            raise ConfigError(
+                str(path),
+                option,
+                MistakeCode.DUPLICATE,
+                f"is {used[path.resolve()]} as well; expected another file",
+            )
         used[path.resolve()] = option
         existing = next(part for part in (path.absolute(), *path.absolute().parents) if part.exists())
         if existing.is_dir() == (existing == path.absolute()):
             kind = "a directory" if existing.is_dir() else "no directory"
-            raise ConfigError(str(path), option, f"cannot be written: {existing} is {kind}")
+            raise ConfigError(
+                str(path), option, MistakeCode.NO_ACCESS, f"cannot be written: {existing} is {kind}"
+            )
         if not os.access(existing, os.W_OK):
-            raise ConfigError(str(path), option, f"cannot be written: no permission for {existing}")
+            raise ConfigError(
+                str(path), option, MistakeCode.NO_ACCESS, f"cannot be written: no permission for {existing}"
+            )
 
 
 def _inputs(options: TrackOptions) -> list[tuple[str, Path]]:

@@ -92,7 +92,7 @@ def demo(
     )
     is_json = log_format is LogFormat.JSON
     console = console_for(stderr=as_json, as_json=is_json)
-    with exit_on_error(console if is_json else None):
+    with exit_on_error(console if is_json else None, as_json=as_json):
         options.check()
         parse(*read_text(options.scenario))
         with DemoSimulation(options) as simulation:

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 from gcs.cli.console_options import DEFAULT_PAGE, PageOptions
 from gcs.errors import ConfigError, InterruptedRunError, SimulationError
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
+from gcs.mistake_codes import MistakeCode
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -61,7 +62,9 @@ class DemoOptions:
         for firmware in self.sitl:
             name, _, path = firmware.partition("=")
             if name not in ("arduplane", "px4") or not path:
-                raise ConfigError("--sitl", firmware, "expected arduplane=PATH or px4=PATH")
+                raise ConfigError(
+                    "--sitl", firmware, MistakeCode.WRONG_TYPE, "expected arduplane=PATH or px4=PATH"
+                )
 
 
 class DemoSimulation:

@@ -11,6 +11,7 @@ from gcs.errors import ConfigError
 from gcs.io.cluster.bridge_settings import bridge_settings
 from gcs.io.recording.folder import RUNS_FOLDER
 from gcs.io.systemd import watched
+from gcs.mistake_codes import MistakeCode
 from gcs.service.bridge import Bridge
 from gcs.service.bridge_process import open_bridge
 from gcs.service.signals import wait_for_interrupt
@@ -50,11 +51,18 @@ def _name(config: Config, source: str, bridge: str | None) -> str:
     listed = ", ".join(names)
     if not names:
         problem = "expected a table with the bridge's name and where it listens"
-        raise ConfigError(source, "links.bridges", problem)
+        raise ConfigError(source, "links.bridges", MistakeCode.MISSING_KEY, problem)
     if bridge is None and len(names) > 1:
-        raise ConfigError(source, "links.bridges", f"has several bridges: choose one by --bridge ({listed})")
+        raise ConfigError(
+            source,
+            "links.bridges",
+            MistakeCode.MISSING_KEY,
+            f"has several bridges: choose one by --bridge ({listed})",
+        )
     if bridge is not None and bridge not in names:
-        raise ConfigError(source, "links.bridges", f"has no bridge {bridge}; there is {listed}")
+        raise ConfigError(
+            source, "links.bridges", MistakeCode.UNKNOWN_NAME, f"has no bridge {bridge}; there is {listed}"
+        )
     return bridge or names[0]
 
 

@@ -34,6 +34,7 @@ from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.key_expressions import events_key
 from gcs.io.zenoh.session import ZenohSession, from_this_machine, service_bus
 from gcs.mavlink.frames.fast_scan import Scanner
+from gcs.mistake_codes import MistakeCode
 from gcs.report.run.summary import recording_facts
 from gcs.service.bridge_connection import bridges_for_standby, bridges_of, is_bridge_of_other_node
 from gcs.service.event_publisher import EventPublisher
@@ -92,6 +93,7 @@ def serve(
         raise ConfigError(
             source,
             "links.standby",
+            MistakeCode.MISSING_KEY,
             "expected the endpoint of the standby, such as "
             "tcp/127.0.0.1:7448; the same mission file is for all",
         )

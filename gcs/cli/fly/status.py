@@ -37,7 +37,7 @@ def status(
     from gcs.io.zenoh.discovery import choose_service
     from gcs.io.zenoh.order_client import request_status
 
-    with exit_on_error():
+    with exit_on_error(as_json=as_json):
         address = choose_service(mission, zenoh, zenoh_tls)
         while True:
             _print(request_status(address, timeout), address.mission, as_json=as_json)

@@ -19,6 +19,7 @@ from gcs.cli.following import frame_of, news_of
 from gcs.console.source import Source
 from gcs.console.view.news import News
 from gcs.errors import ConfigError, GcsError
+from gcs.mistake_codes import MistakeCode
 from gcs.model import Order
 from gcs.report.export.cot import CotEvents, CotStyle, Now
 from gcs.report.operator_lines import effect_notice
@@ -44,7 +45,12 @@ class TakLink:
 
     def __init__(self, url: str) -> None:
         if not _URL.match(url):
-            raise ConfigError(url, "", "expected tcp://HOST:PORT, tls://HOST:PORT or udp://HOST:PORT")
+            raise ConfigError(
+                url,
+                "",
+                MistakeCode.WRONG_TYPE,
+                "expected tcp://HOST:PORT, tls://HOST:PORT or udp://HOST:PORT",
+            )
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # about parts that are not used

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+import typer
 from rich.console import Console
 from rich.table import Table
 
-from gcs.cli.arguments import ConfigArgument, MapSeedOption, command_app
+from gcs.cli.arguments import ConfigArgument, JsonOption, MapSeedOption, command_app
 from gcs.cli.errors import exit_on_error
 from gcs.cli.zenoh_security import zenoh_warnings
 from gcs.io.terminal import console_for
@@ -31,13 +33,15 @@ _ROLES = {
 
 
 @app.command()
-def check(config: ConfigArgument, seed: MapSeedOption = 1) -> None:
+def check(config: ConfigArgument, seed: MapSeedOption = 1, as_json: JsonOption = False) -> None:
     """Validate a mission file and print what it means.
 
     A mistake is shown with its file, its key and the expected value.
     """
-    with exit_on_error():
-        describe(config, seed, console_for())
+    with exit_on_error(as_json=as_json):
+        describe(config, seed, console_for(stderr=as_json))
+        if as_json:
+            typer.echo(json.dumps({"mistakes": []}))
 
 
 def describe(scenario: str, seed: int, console: Console) -> None:

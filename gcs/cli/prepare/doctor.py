@@ -39,7 +39,7 @@ def doctor(
     """
     import msgspec
 
-    with exit_on_error():
+    with exit_on_error(as_json=as_json):
         findings = list(_findings(config))
     console = console_for(stderr=as_json)
     for one in findings:

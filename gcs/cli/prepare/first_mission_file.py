@@ -19,6 +19,7 @@ from gcs.errors import ConfigError
 from gcs.fence import fence_of
 from gcs.geo import LocalFrame
 from gcs.io.recording.reader import is_recording, read_info
+from gcs.mistake_codes import MistakeCode
 
 _MARGIN_M: Final = 500.0
 """Margin of the map around all positions, for turns, climbs and loiters."""
@@ -54,11 +55,13 @@ def write_mission_file(
         When the source cannot be used, or the mission file exists already.
     """
     if (source is None) == (endpoint is None):
-        raise ConfigError("gcs init", "", "expected a file, or --listen ENDPOINT")
+        raise ConfigError("gcs init", "", MistakeCode.MISSING_KEY, "expected a file, or --listen ENDPOINT")
     name = name or mission_name(source.stem if source else "mission")
     path = out or Path(f"{name}.toml")
     if path.exists() and not force:
-        raise ConfigError(str(path), "", "exists already; --force replaces it, --out names another")
+        raise ConfigError(
+            str(path), "", MistakeCode.EXISTS, "exists already; --force replaces it, --out names another"
+        )
     if endpoint is not None:
         console.print(f"listening on {endpoint} for {wait_s:g} s", highlight=False)
         sketch = listen_for_vehicles(endpoint, wait_s)
@@ -71,7 +74,9 @@ def write_mission_file(
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise ConfigError(str(path), "", f"cannot be written: {error.strerror}") from None
+        raise ConfigError(
+            str(path), "", MistakeCode.NO_ACCESS, f"cannot be written: {error.strerror}"
+        ) from None
     console.print(
         f"{path}: {len(config.agents)} agents, {len(config.births)} target births, "
         f"{len(config.fence.areas)} fence areas; read it through, then: gcs check {path}",
@@ -87,7 +92,7 @@ def mission_name(stem: str) -> str:
 
 def _text_from_file(source: Path, name: str, console: Console) -> str:
     if not source.exists():
-        raise ConfigError(str(source), "", "no such file")
+        raise ConfigError(str(source), "", MistakeCode.NOT_FOUND, "no such file")
     if source.suffix.lower() == ".plan":
         sketch = read_plan(source)
     elif source.suffix.lower() in (".kml", ".kmz"):
@@ -95,7 +100,9 @@ def _text_from_file(source: Path, name: str, console: Console) -> str:
     elif is_recording(source):
         text = read_info(source).config_text
         if not text:
-            raise ConfigError(str(source), "", "the recording does not hold its mission file")
+            raise ConfigError(
+                str(source), "", MistakeCode.MISSING_KEY, "the recording does not hold its mission file"
+            )
         return f"# The mission file of the recording {_line(source.name)}.\n\n{text}"
     else:
         sketch = read_vehicles(source)
@@ -119,9 +126,14 @@ def mission_text(sketch: Sketch, name: str, of: str, link: str = _LINK) -> str:
     """
     stay_in = [area for area in sketch.areas if area.stay_in]
     if len(stay_in) > 1:
-        raise ConfigError(of, "fence", "has several inclusion areas: draw only one")
+        raise ConfigError(of, "fence", MistakeCode.CONFLICT, "has several inclusion areas: draw only one")
     if len(sketch.starts) > _MAX_AGENTS or max(len(sketch.targets), len(sketch.areas)) > MAX_PLACES:
-        raise ConfigError(of, "", f"has more than {_MAX_AGENTS} vehicles or {MAX_PLACES} targets or areas")
+        raise ConfigError(
+            of,
+            "",
+            MistakeCode.TOO_LARGE,
+            f"has more than {_MAX_AGENTS} vehicles or {MAX_PLACES} targets or areas",
+        )
     box = _Box.around(_places(sketch), of)
     starts = sketch.starts or [Start(box.centre, note="NOT in the source: set the position of the start")]
     note = "" if sketch.ground_msl_m is not None else "; NOT in the source: look it up"
@@ -212,15 +224,22 @@ class _Box:
     def around(cls, places: list[tuple[Place, float]], of: str) -> _Box:
         """Return the map of positions (degrees), each with a radius in metres."""
         if not places:
-            raise ConfigError(of, "", "has no position: no vehicle, waypoint, point or area")
+            raise ConfigError(
+                of, "", MistakeCode.MISSING_KEY, "has no position: no vehicle, waypoint, point or area"
+            )
         frame = LocalFrame(*places[0][0], 0.0)
         if abs(frame.lat_deg) > 85.0:
-            raise ConfigError(of, "", "has a position beyond latitude 85°")
+            raise ConfigError(of, "", MistakeCode.OUT_OF_RANGE, "has a position beyond latitude 85°")
         spots = [(frame.to_local(*place), radius_m) for place, radius_m in places]
         far_m = max(math.hypot(*spot) + radius_m for spot, radius_m in spots)
         opposite = any(math.cos(math.radians(p[1] - frame.lon_deg)) < 0.0 for p, _ in places)
         if far_m > _MAX_EXTENT_M or opposite:
-            raise ConfigError(of, "", f"its positions are more than {_MAX_EXTENT_M / 1000:g} km apart")
+            raise ConfigError(
+                of,
+                "",
+                MistakeCode.OUTSIDE_MAP,
+                f"its positions are more than {_MAX_EXTENT_M / 1000:g} km apart",
+            )
         west = min(x - radius_m for (x, _), radius_m in spots) - _MARGIN_M
         east = max(x + radius_m for (x, _), radius_m in spots) + _MARGIN_M
         south = min(y - radius_m for (_, y), radius_m in spots) - _MARGIN_M

@@ -19,8 +19,9 @@ from rich.markup import escape
 from gcs.cli.arguments import JsonOption, VehicleOption, command_app
 from gcs.cli.errors import exit_on_error
 from gcs.cli.prepare.node_certificates import make_ca, make_node_certificate
-from gcs.errors import ConfigError
+from gcs.errors import ConfigError, GcsError
 from gcs.io.terminal import console_for
+from gcs.mistake_codes import MistakeCode
 
 if TYPE_CHECKING:
     from gcs.io.signing.keystore import KeyFile
@@ -78,7 +79,7 @@ def new(
             there = ["all vehicles"]
         if there:
             problem = f"there is a key for {', '.join(there)}; gcs keys rotate replaces it"
-            raise ConfigError(str(file), "", problem)
+            raise ConfigError(str(file), "", MistakeCode.EXISTS, problem)
         phrase = _ask_passphrase(console) if passphrase else None
         keys.vehicles |= {v: _make_key(phrase) for v in vehicles}
         keys.links |= {name: _make_key(phrase) for name in links}
@@ -102,7 +103,7 @@ def show(
     """List the keys of a file by their fingerprints."""
     from gcs.io.signing.keystore import read_keys
 
-    with exit_on_error():
+    with exit_on_error(as_json=as_json):
         keys = read_keys(file)
     if as_json:
         print(json.dumps({"keys": _rows(keys, secret=secret)}))  # noqa: T201  the output of --json
@@ -127,12 +128,12 @@ def install(
     from gcs.io.signing.provisioning import KeyInstallation
 
     console = console_for(stderr=True)
-    with exit_on_error():
+    with exit_on_error(as_json=as_json):
         keys, vehicles = _keys_and_vehicles(file, vehicle)
         waiting = [_name(v) for v in vehicles if v in keys.pending]
         if waiting:
             problem = f"gcs keys rotate was not finished for {', '.join(waiting)}: run it again"
-            raise ConfigError(str(file), "pending", problem)
+            raise ConfigError(str(file), "pending", MistakeCode.CONFLICT, problem)
         wanted = [KeyInstallation(v, _key_of(keys, v, endpoint), None) for v in vehicles]
         _confirm(console, endpoint, yes=yes)
         results = _install(keys, endpoint, wanted, timeout, console)
@@ -160,7 +161,7 @@ def rotate(
     from gcs.io.signing.provisioning import KeyInstallation
 
     console = console_for(stderr=True)
-    with exit_on_error():
+    with exit_on_error(as_json=as_json):
         keys, vehicles = _keys_and_vehicles(file, vehicle)
         old = {v: _key_of(keys, v, endpoint) for v in vehicles}
         _confirm(console, endpoint, yes=yes)
@@ -190,7 +191,12 @@ def _keys_and_vehicles(file: Path, vehicles: list[int] | None) -> tuple[KeyFile,
     keys = read_keys(file)
     chosen = sorted((vehicles and {*vehicles}) or keys.vehicles)
     if not chosen:
-        raise ConfigError(str(file), "", "no vehicle has a key of its own: name some with --vehicle")
+        raise ConfigError(
+            str(file),
+            "",
+            MistakeCode.MISSING_KEY,
+            "no vehicle has a key of its own: name some with --vehicle",
+        )
     return keys, chosen
 
 
@@ -225,7 +231,7 @@ def _key_of(keys: KeyFile, vehicle: int, endpoint: str) -> bytes:
     key = keys.vehicles.get(vehicle) or keys.links.get(_endpoints([endpoint])[0]) or keys.default
     if key is None:
         problem = f"no key for {_name(vehicle)}: gcs keys new {keys.path} --vehicle ..."
-        raise ConfigError(str(keys.path), "", problem)
+        raise ConfigError(str(keys.path), "", MistakeCode.MISSING_KEY, problem)
     return key
 
 
@@ -238,9 +244,9 @@ def _confirm(console: Console, endpoint: str, *, yes: bool) -> None:
     if yes:
         return
     if not sys.stdin.isatty():
-        raise ConfigError("gcs keys", "", "cannot ask whether the link is secure; confirm it with --yes")
+        raise GcsError("gcs keys: cannot ask whether the link is secure; confirm it with --yes")
     if not typer.confirm("Is this link secure?", err=True):
-        raise ConfigError("gcs keys", "", "no key was sent")
+        raise GcsError("gcs keys: no key was sent")
 
 
 def _install(
@@ -269,7 +275,9 @@ def _install(
                 where, wanted, times, timeout_s, on_result, lambda text: console.print(text, highlight=False)
             )
         except OSError as error:
-            raise ConfigError(str(keys.path), "", f"cannot save its signing time: {error}") from None
+            raise ConfigError(
+                str(keys.path), "", MistakeCode.NO_ACCESS, f"cannot save its signing time: {error}"
+            ) from None
         except KeyboardInterrupt:
             console.print("interrupted", highlight=False)
             raise typer.Exit(130) from None

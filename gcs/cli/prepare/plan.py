@@ -63,7 +63,7 @@ def plan(
     from gcs.cli.prepare.single_plan import Outputs, planning_task, run_plan
 
     console = console_for(stderr=as_json)
-    with exit_on_error():
+    with exit_on_error(as_json=as_json):
         check_picture(plot)
         task = planning_task(scenario, agents, targets, seed)
         outputs = Outputs(plot, plan_files, autopilot_profile(autopilot))

@@ -16,6 +16,7 @@ from gcs.mavlink.autopilots import ARDUPLANE, PX4, AutopilotProfile
 from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.plan_file import plan_document
+from gcs.mistake_codes import MistakeCode
 from gcs.model import Route, VehicleState, vehicle_name
 from gcs.planning.manoeuvres.landing import ReturnRoute
 from gcs.planning.planner_inputs import AgentState
@@ -33,7 +34,9 @@ def autopilot_profile(name: str) -> AutopilotProfile:
     """
     profile = _PROFILES.get(name.lower())
     if profile is None:
-        raise ConfigError("--autopilot", "", f"expected {' or '.join(_PROFILES)}, not {name}")
+        raise ConfigError(
+            "--autopilot", "", MistakeCode.UNKNOWN_NAME, f"expected {' or '.join(_PROFILES)}, not {name}"
+        )
     return profile
 
 

@@ -30,7 +30,7 @@ def preflight(
     """
     from gcs.cli.prepare.preflight_checks import run_preflight
 
-    with exit_on_error():
+    with exit_on_error(as_json=as_json):
         ok = run_preflight(
             config,
             console_for(stderr=as_json),

@@ -27,6 +27,7 @@ from gcs.core.replanning.mission_inputs import mission_inputs
 from gcs.core.replanning.return_routes import NO_APPROACH, landing_of, return_over_terrain
 from gcs.errors import ConfigError, RecordingError
 from gcs.mavlink.autopilots import ARDUPLANE, AutopilotProfile
+from gcs.mistake_codes import MistakeCode
 from gcs.model import NoticeCode, target_name, vehicle_name
 from gcs.planning.forward_simulation import LoiterCircle
 from gcs.planning.manoeuvres.landing import LandingSpec, ReturnRoute, plan_return_route
@@ -134,13 +135,18 @@ def _positions(given: Sequence[str], option: str, grid: Grid) -> list[Point]:
         try:
             x, y = (float(part) for part in text.split(","))
         except ValueError:
-            raise ConfigError(option, text, "expected x,y: two numbers with a comma and no space") from None
+            raise ConfigError(
+                option, text, MistakeCode.WRONG_TYPE, "expected x,y: two numbers with a comma and no space"
+            ) from None
         if not grid.contains((x, y)):
             rows, cols = grid.shape
             west, south = grid.point_of((0, 0))
             east, north = grid.point_of((rows - 1, cols - 1))
             raise ConfigError(
-                option, text, f"lies off the map, x {west:g} ... {east:g}, y {south:g} ... {north:g}"
+                option,
+                text,
+                MistakeCode.OUTSIDE_MAP,
+                f"lies off the map, x {west:g} ... {east:g}, y {south:g} ... {north:g}",
             )
         places.append((x, y))
     return places

@@ -54,7 +54,7 @@ def run_tasks(
     from gcs.config import load
     from gcs.io.vehicles.vehicle_access import vehicle_access
 
-    with exit_on_error():
+    with exit_on_error(as_json=as_json):
         config = load(source)
         selected = _selected_vehicles(config, vehicles)
         if question:

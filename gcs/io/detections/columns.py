@@ -10,6 +10,7 @@ import numpy as np
 
 from gcs.errors import ConfigError
 from gcs.io.detections.table_files import DETECTION_TITLES, LOG_RATIO, ORIGIN, SENSOR, Table, title_error
+from gcs.mistake_codes import MistakeCode
 from gcs.model import BoolArray, FloatArray, IntArray, Sensor
 from gcs.tracking.models.sensor_geometry import map_coordinates
 
@@ -65,7 +66,7 @@ def find_columns(table: Table) -> Columns:
         largest = np.nanmax(np.abs(table.rows[:, polar[1]]), initial=0.0)
         if largest * unit_rad > _MAX_BEARING_RAD:
             problem = "expected bearings of at most a turn; are they in its unit?"
-            raise ConfigError(str(table.path), bearing, problem)
+            raise ConfigError(str(table.path), bearing, MistakeCode.OUT_OF_RANGE, problem)
     sensor = table.column((SENSOR,))
     origin = table.column((ORIGIN,))
     log_ratio = table.column((LOG_RATIO,))
@@ -88,13 +89,18 @@ def sensor_of_rows(table: Table, columns: Columns, sensors: tuple[Sensor, ...]) 
         if (number < 0).any():
             unknown = table.words[word[number < 0][0]]
             problem = f"{unknown!r} is not in the model, which has: {', '.join(names)}"
-            raise ConfigError(str(table.path), SENSOR, problem)
+            raise ConfigError(str(table.path), SENSOR, MistakeCode.UNKNOWN_NAME, problem)
     elif len(sensors) == 1:
         number = np.zeros(len(table.rows), np.int64)
     else:
         problem = f"is missing; expected a column that names the sensor of each row: {', '.join(names)}"
-        raise ConfigError(str(table.path), SENSOR, problem)
+        raise ConfigError(str(table.path), SENSOR, MistakeCode.MISSING_KEY, problem)
     for i in np.unique(number):
         if sensors[i].polar is None and columns.position is None:
-            raise ConfigError(str(table.path), "x", f"is missing, but {names[i]} measures positions")
+            raise ConfigError(
+                str(table.path),
+                "x",
+                MistakeCode.MISSING_KEY,
+                f"is missing, but {names[i]} measures positions",
+            )
     return number

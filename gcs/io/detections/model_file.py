@@ -20,6 +20,7 @@ from gcs.config.schema import AnywhereTable, Box, InnerProbability, NotNegative,
 from gcs.errors import ConfigError
 from gcs.files import read_text
 from gcs.io.detections.table_files import read_npz
+from gcs.mistake_codes import MistakeCode
 from gcs.model import FloatArray, Sensor, read_only
 from gcs.tracking.models.sensor_geometry import polar_sensor, sector
 
@@ -152,13 +153,18 @@ def read_model(path: Path) -> ModelTable:
     try:
         raw = decode_toml(read_text(path, _MAX_BYTES), str(path))
     except OSError as error:
-        raise ConfigError(str(path), "", f"cannot be read: {error.strerror}") from None
+        is_missing = isinstance(error, FileNotFoundError)
+        code = MistakeCode.NOT_FOUND if is_missing else MistakeCode.NO_ACCESS
+        raise ConfigError(str(path), "", code, f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
-        raise ConfigError(str(path), "", f"expected a model in TOML or NPZ: {error}") from None
+        raise ConfigError(
+            str(path), "", MistakeCode.INVALID_FILE, f"expected a model in TOML or NPZ: {error}"
+        ) from None
     if "agents" in raw:
         raise ConfigError(
             str(path),
             "",
+            MistakeCode.INVALID_FILE,
             "is a mission file: expected a model for the trackers, as in docs/tracking.md",
         )
     return _check_model(path, convert(raw, ModelTable, str(path)))
@@ -169,7 +175,10 @@ def npz_model(path: Path, arrays: Mapping[str, FloatArray]) -> ModelTable:
     missing = [key for key in _NPZ_KEYS.split(", ") if key not in arrays]
     if missing:
         raise ConfigError(
-            str(path), missing[0], f"is missing; expected --model, or the model in the file: {_NPZ_KEYS}"
+            str(path),
+            missing[0],
+            MistakeCode.MISSING_KEY,
+            f"is missing; expected --model, or the model in the file: {_NPZ_KEYS}",
         )
     try:
         means = np.reshape(arrays["birth_mean"], (-1, 4))[:, _STATE_ORDER]
@@ -182,14 +191,19 @@ def npz_model(path: Path, arrays: Mapping[str, FloatArray]) -> ModelTable:
         scans = int(arrays["K"]) if "K" in arrays else None
     except (TypeError, ValueError, OverflowError) as error:
         raise ConfigError(
-            str(path), "", f"its model does not have the shapes of states px, vx, py, vy: {error}"
+            str(path),
+            "",
+            MistakeCode.WRONG_TYPE,
+            f"its model does not have the shapes of states px, vx, py, vy: {error}",
         ) from None
     dt_s = float(F[0, 1])
     expected = np.kron(np.eye(2), [[1.0, dt_s], [0.0, 1.0]])
     if not np.allclose(F, expected):
-        raise ConfigError(str(path), "F", "expected constant velocity in the order px, vx, py, vy")
+        raise ConfigError(
+            str(path), "F", MistakeCode.WRONG_TYPE, "expected constant velocity in the order px, vx, py, vy"
+        )
     if std[0] != std[1] or std[2] != std[3]:
-        raise ConfigError(str(path), "birth_std", "expected the same for x and y")
+        raise ConfigError(str(path), "birth_std", MistakeCode.CONFLICT, "expected the same for x and y")
     raw = {
         "dt_s": dt_s,
         "piecewise_accel_std_m_s2": number["sigma_v"],
@@ -216,31 +230,51 @@ def _check_model(path: Path, table: ModelTable) -> ModelTable:
     """Return the model if its numbers are finite and its sensors possible."""
     for key, value in _floats(msgspec.to_builtins(table)):
         if not math.isfinite(value):
-            raise ConfigError(str(path), key, "expected finite numbers in the model")
+            raise ConfigError(
+                str(path), key, MistakeCode.OUT_OF_RANGE, "expected finite numbers in the model"
+            )
     if table.accel_psd_m2_s3 == table.piecewise_accel_std_m_s2 == 0.0:
         raise ConfigError(
             str(path),
             "accel_psd_m2_s3",
+            MistakeCode.OUT_OF_RANGE,
             "expected a process noise above 0: this key, or piecewise_accel_std_m_s2",
         )
     if table.manoeuvres is not None and table.turn_rate_std_deg_s > 0.0:
         problem = "is another model of turns than [manoeuvres]: expected one of them"
-        raise ConfigError(str(path), "turn_rate_std_deg_s", problem)
+        raise ConfigError(str(path), "turn_rate_std_deg_s", MistakeCode.CONFLICT, problem)
     own = [key for key in (*_SENSOR_KEYS, "field_of_view_m") if getattr(table, key) is not None]
     if table.sensors and own:
-        raise ConfigError(str(path), own[0], "is of one sensor: expected it in the tables of [[sensors]]")
+        raise ConfigError(
+            str(path),
+            own[0],
+            MistakeCode.CONFLICT,
+            "is of one sensor: expected it in the tables of [[sensors]]",
+        )
     missing = [key for key in _SENSOR_KEYS if key not in own]
     if missing and not table.sensors:
-        raise ConfigError(str(path), missing[0], "the key is missing here; expected it, or [[sensors]]")
+        raise ConfigError(
+            str(path),
+            missing[0],
+            MistakeCode.MISSING_KEY,
+            "the key is missing here; expected it, or [[sensors]]",
+        )
     names = [sensor.name for sensor in table.sensors]
     for i, sensor in enumerate(table.sensors):
         key = f"sensors[{i}]"
         if sensor.name in names[:i]:
-            raise ConfigError(str(path), f"{key}.name", f"{sensor.name!r} is the name of another sensor")
+            raise ConfigError(
+                str(path),
+                f"{key}.name",
+                MistakeCode.DUPLICATE,
+                f"{sensor.name!r} is the name of another sensor",
+            )
         if isinstance(sensor, PositionSensor):
             _check_boxes(path, f"{key}.", sensor)
         elif sensor.least_range_m >= sensor.most_range_m:
-            raise ConfigError(str(path), f"{key}.most_range_m", "expected more than least_range_m")
+            raise ConfigError(
+                str(path), f"{key}.most_range_m", MistakeCode.CONFLICT, "expected more than least_range_m"
+            )
     if own:
         _check_boxes(path, "", table)
     return table
@@ -251,7 +285,10 @@ def _check_boxes(path: Path, prefix: str, table: PositionSensor | ModelTable) ->
         box = getattr(table, key)
         if box is not None and not (box[0] < box[2] and box[1] < box[3]):
             raise ConfigError(
-                str(path), prefix + key, "expected x_min, y_min, x_max, y_max, each maximum above its minimum"
+                str(path),
+                prefix + key,
+                MistakeCode.BAD_SHAPE,
+                "expected x_min, y_min, x_max, y_max, each maximum above its minimum",
             )
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from gcs.errors import ConfigError
 from gcs.files import open_regular
 from gcs.io.detections.arrays import ArraysError, read_arrays
+from gcs.mistake_codes import MistakeCode
 from gcs.model import FloatArray
 
 MAX_NUMBERS: Final = 40_000_000
@@ -73,7 +74,10 @@ class Table:
 def title_error(path: Path, expected: str, found: str) -> ConfigError:
     """Return the error for missing titles."""
     return ConfigError(
-        str(path), "titles", f"expected {expected}; found {found[:200]}: rename the columns in the first line"
+        str(path),
+        "titles",
+        MistakeCode.MISSING_KEY,
+        f"expected {expected}; found {found[:200]}: rename the columns in the first line",
     )
 
 
@@ -91,7 +95,9 @@ def read_npz(path: Path) -> dict[str, FloatArray]:
     except OSError as error:
         raise _unreadable(path, error) from None
     except ArraysError as error:
-        raise ConfigError(str(path), "", f"expected an NPZ of numbers: {error}") from None
+        raise ConfigError(
+            str(path), "", MistakeCode.INVALID_FILE, f"expected an NPZ of numbers: {error}"
+        ) from None
 
 
 def array_table(path: Path, arrays: Mapping[str, FloatArray], name: str) -> Table:
@@ -105,13 +111,18 @@ def array_table(path: Path, arrays: Mapping[str, FloatArray], name: str) -> Tabl
     titles = _ARRAY_TITLES[name]
     needed = len(titles) - titles.count(ORIGIN)
     if name not in arrays:
-        raise ConfigError(str(path), name, f"is missing; expected rows {','.join(titles[:needed])}")
+        raise ConfigError(
+            str(path), name, MistakeCode.MISSING_KEY, f"is missing; expected rows {','.join(titles[:needed])}"
+        )
     rows = arrays[name]
     if rows.size == 0:
         rows = np.empty((0, needed))
     if rows.ndim != 2 or rows.shape[1] < needed:
         raise ConfigError(
-            str(path), name, f"expected rows {','.join(titles[:needed])}; found the shape {rows.shape}"
+            str(path),
+            name,
+            MistakeCode.WRONG_TYPE,
+            f"expected rows {','.join(titles[:needed])}; found the shape {rows.shape}",
         )
     titles = titles[: rows.shape[1]]
     return Table(path, titles, rows[:, : len(titles)])
@@ -138,15 +149,17 @@ def read_csv(path: Path, expected: str, word_titles: tuple[str, ...] = (SENSOR,)
         with io.TextIOWrapper(open_regular(path), encoding="utf-8-sig", newline="") as file:
             return _read_rows(path, file, expected, word_titles)
     except UnicodeDecodeError:
-        raise ConfigError(str(path), "", "is not text; expected a CSV, or an NPZ by its name") from None
+        raise ConfigError(
+            str(path), "", MistakeCode.INVALID_FILE, "is not text; expected a CSV, or an NPZ by its name"
+        ) from None
     except OSError as error:
         raise _unreadable(path, error) from None
 
 
 def _unreadable(path: Path, error: OSError) -> ConfigError:
     if isinstance(error, FileNotFoundError):
-        return ConfigError(str(path), "", "there is no such file")
-    return ConfigError(str(path), "", f"cannot be read: {error.strerror or error}")
+        return ConfigError(str(path), "", MistakeCode.NOT_FOUND, "there is no such file")
+    return ConfigError(str(path), "", MistakeCode.NO_ACCESS, f"cannot be read: {error.strerror or error}")
 
 
 def _lines(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
@@ -156,7 +169,7 @@ def _lines(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
         number += 1
         if len(line) == _MAX_LINE_CHARACTERS:
             what = f"expected lines of less than {_MAX_LINE_CHARACTERS} characters"
-            raise ConfigError(f"{path}, line {number}", "", what)
+            raise ConfigError(f"{path}, line {number}", "", MistakeCode.TOO_LARGE, what)
         yield number, line
 
 
@@ -168,7 +181,7 @@ def _read_titles(path: Path, lines: Iterator[tuple[int, str]], expected: str) ->
             return titles
         if text and not text.startswith("#"):
             raise title_error(path, expected, text)
-    raise ConfigError(str(path), "titles", f"are missing; expected {expected}")
+    raise ConfigError(str(path), "titles", MistakeCode.MISSING_KEY, f"are missing; expected {expected}")
 
 
 def _read_rows(path: Path, file: TextIO, expected: str, word_titles: tuple[str, ...]) -> Table:
@@ -188,13 +201,18 @@ def _read_rows(path: Path, file: TextIO, expected: str, word_titles: tuple[str, 
                 remarks = (f"Line {number}, the last, breaks off and is left out.",)
                 break
             problem = f"expected {len(titles)} numbers, as the titles {','.join(titles)} say"
-            raise ConfigError(f"{path}, line {number}", "", problem)
+            raise ConfigError(f"{path}, line {number}", "", MistakeCode.WRONG_TYPE, problem)
         values.extend(row)
         if len(words) > _MAX_WORDS:
-            raise ConfigError(str(path), "", f"expected numbers, or at most {_MAX_WORDS} different names")
+            raise ConfigError(
+                str(path),
+                "",
+                MistakeCode.WRONG_TYPE,
+                f"expected numbers, or at most {_MAX_WORDS} different names",
+            )
         if len(values) > MAX_NUMBERS:
             problem = f"holds more than {MAX_NUMBERS} numbers; split it into several files"
-            raise ConfigError(str(path), "", problem)
+            raise ConfigError(str(path), "", MistakeCode.TOO_LARGE, problem)
     rows = np.frombuffer(values, np.float64).reshape(-1, len(titles))
     return Table(path, titles, rows, tuple(words), remarks)
 

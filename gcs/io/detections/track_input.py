@@ -47,6 +47,7 @@ from gcs.io.detections.table_files import (
 )
 from gcs.io.detections.truth import TruthRows, read_truth, truth_by_scan, truth_rows
 from gcs.io.zenoh.scans import MAX_DETECTIONS
+from gcs.mistake_codes import MistakeCode
 from gcs.model import NS_PER_S, BoolArray, FloatArray, IntArray, Scan, Sensor, Truth, read_only
 from gcs.tracking.batch import SensorScan, TrackingModel
 from gcs.tracking.glmb.params import Birth, GlmbParams
@@ -96,7 +97,12 @@ class Detections:
             Nothing can be born.
         """
         if self.model is None:
-            raise ConfigError(self.model_source, "births", "expected birth components, or anywhere.per_s > 0")
+            raise ConfigError(
+                self.model_source,
+                "births",
+                MistakeCode.MISSING_KEY,
+                "expected birth components, or anywhere.per_s > 0",
+            )
         return self.model
 
 
@@ -117,7 +123,7 @@ def load(
     if path.is_dir() or path.suffix == ".mcap":
         return _load_recording(path, model, truth, progress)
     if path.suffix.lower() in _OTHER_KINDS and path.is_file():
-        raise ConfigError(str(path), "", _OTHER_KINDS[path.suffix.lower()])
+        raise ConfigError(str(path), "", MistakeCode.INVALID_FILE, _OTHER_KINDS[path.suffix.lower()])
     true = None if truth is None else read_truth(truth)
     if path.suffix.lower() == ".npz":
         arrays = read_npz(path)
@@ -128,7 +134,9 @@ def load(
         return _detections(table, found, str(model or path), true)
     table = read_csv(path, DETECTION_TITLES)
     if model is None:
-        raise ConfigError(str(path), "", "a CSV has no model: name one, NPZ or TOML, with --model")
+        raise ConfigError(
+            str(path), "", MistakeCode.MISSING_KEY, "a CSV has no model: name one, NPZ or TOML, with --model"
+        )
     return _detections(table, read_model(model), str(model), true)
 
 
@@ -150,11 +158,13 @@ def _detections(table: Table, model: ModelTable, source: str, truth: TruthRows |
     else:
         numbers, scans = _numbered_scans(rows, sensors, model, truth)
     if not scans:
-        raise ConfigError(str(table.path), columns.time, "holds no scan; expected rows")
+        raise ConfigError(
+            str(table.path), columns.time, MistakeCode.INVALID_FILE, "holds no scan; expected rows"
+        )
     most = max(len(scan.z_m) for scan in scans)
     if most > MAX_DETECTIONS:
         problem = f"expected scans of at most {MAX_DETECTIONS} detections, found one of {most}"
-        raise ConfigError(str(table.path), columns.time, problem)
+        raise ConfigError(str(table.path), columns.time, MistakeCode.TOO_LARGE, problem)
     seen_m = [z_m[rows.is_detection & (sensor == i)] for i in range(len(sensors))]
     true, remarks = ({}, ()) if truth is None else truth_by_scan(truth, numbers)
     return Detections(
@@ -201,14 +211,21 @@ def _timed_scans(
     path = str(rows.path)
     t_ns = rows.first * TIME_UNIT_NS[title]
     if not (np.isfinite(t_ns).all() and (abs(t_ns) < _MAX_T_NS).all()):
-        raise ConfigError(path, title, "expected a time in every row, before the year 2100")
+        raise ConfigError(
+            path, title, MistakeCode.OUT_OF_RANGE, "expected a time in every row, before the year 2100"
+        )
     if title == "t_ns" and t_ns.size and 0.0 < np.ptp(t_ns) < _MIN_SPAN_NS:
-        raise ConfigError(path, title, f"expected nanoseconds; all scans lie within {np.ptp(t_ns):.4g} ns")
+        raise ConfigError(
+            path,
+            title,
+            MistakeCode.OUT_OF_RANGE,
+            f"expected nanoseconds; all scans lie within {np.ptp(t_ns):.4g} ns",
+        )
     order = np.lexsort((rows.sensor, t_ns))
     is_next = np.ones(order.size, np.bool_)
     is_next[1:] = (np.diff(t_ns[order]) > 0.0) | (np.diff(rows.sensor[order]) > 0)
     if np.count_nonzero(is_next) > MAX_SCANS:
-        raise ConfigError(path, title, f"expected at most {MAX_SCANS} scans")
+        raise ConfigError(path, title, MistakeCode.TOO_LARGE, f"expected at most {MAX_SCANS} scans")
     scans = tuple(
         rows.scan(round(t_ns[group[0]]), sensors[rows.sensor[group[0]]], group)
         for group in np.split(order, np.flatnonzero(is_next)[1:])
@@ -225,20 +242,24 @@ def _numbered_scans(
     k = rows.first
     if not (np.isfinite(k).all() and (k == np.floor(k)).all() and (k >= 0).all()):
         problem = "expected whole numbers from 0 on; a column of times has the title t_s or t_ns"
-        raise ConfigError(path, "k", problem)
+        raise ConfigError(path, "k", MistakeCode.WRONG_TYPE, problem)
     true_k = np.empty(0, np.int64) if truth is None else truth.scans
     if truth is not None and true_k.size and k.size and not np.isin(true_k, k).any():
         problem = f"its scans {true_k[0]} to {true_k[-1]} are none of those of {rows.path.name}"
-        raise ConfigError(str(truth.path), "k", problem)
+        raise ConfigError(str(truth.path), "k", MistakeCode.CONFLICT, problem)
     first = 0 if (k == 0).any() or 0 in true_k else 1
     last = int(max(k.max(initial=0.0), model.scans or 0, true_k.max(initial=0)))
     n = len(sensors)
     if last * n > MAX_SCANS:
-        raise ConfigError(path, "k", f"expected at most {MAX_SCANS} scans, found number {last}")
+        raise ConfigError(
+            path, "k", MistakeCode.TOO_LARGE, f"expected at most {MAX_SCANS} scans, found number {last}"
+        )
     with_rows = np.union1d(k, true_k).size
     if last > _MAX_EMPTY_SCANS + _MAX_EMPTY_PER_SCAN * with_rows:
         problem = f"expected scans counted one by one, found numbers up to {last} and rows of {with_rows}"
-        raise ConfigError(path, "k", f"{problem}; a column of times has the title t_s or t_ns")
+        raise ConfigError(
+            path, "k", MistakeCode.OUT_OF_RANGE, f"{problem}; a column of times has the title t_s or t_ns"
+        )
     slot = (k - first) * n + rows.sensor
     order = np.argsort(slot, kind="stable")
     edges = np.searchsorted(slot[order], np.arange((last - first + 1) * n + 1))
@@ -305,7 +326,9 @@ def _load_recording(
     from gcs.io.recording.reader import Damage, read, read_info
 
     if model is not None:
-        raise ConfigError(str(model), "", "a recording has its own model: expected no --model with it")
+        raise ConfigError(
+            str(model), "", MistakeCode.CONFLICT, "a recording has its own model: expected no --model with it"
+        )
     text = read_info(path).config_text
     if not text:
         raise RecordingError(str(path), "is empty, or damaged before its mission file: births are unknown")

@@ -26,6 +26,7 @@ from gcs.io.detections.table_files import (
     read_npz,
     title_error,
 )
+from gcs.mistake_codes import MistakeCode
 from gcs.model import FloatArray, IntArray, read_only
 from gcs.tracking.metrics import Tracks
 
@@ -96,11 +97,11 @@ def truth_rows(table: Table) -> TruthRows:
     ):
         if is_bad.any():
             problem = f"expected it in each row that is not empty; missing in row {np.argmax(is_bad) + 1}"
-            raise ConfigError(str(table.path), key, problem)
+            raise ConfigError(str(table.path), key, MistakeCode.WRONG_TYPE, problem)
     is_scan = (first == np.floor(first)) & (first >= 0) & (first <= MAX_SCANS)
     if title == "k" and not is_scan.all():
         problem = f"expected whole scan numbers from 0 to {MAX_SCANS}, found {first[~is_scan][0]:.10g}"
-        raise ConfigError(str(table.path), "k", problem)
+        raise ConfigError(str(table.path), "k", MistakeCode.OUT_OF_RANGE, problem)
     known = tuple(None if empty else name for name, empty in zip(names, is_empty.tolist(), strict=True))
     return TruthRows(table.path, title, first, known, positions_m)
 
@@ -130,7 +131,7 @@ def truth_by_scan(
     with_rows = set(numbers)
     if truth.ids and scans.isdisjoint(with_rows):
         problem = "no scan of the detections is in it; expected their truth"
-        raise ConfigError(str(truth.path), truth.title, problem)
+        raise ConfigError(str(truth.path), truth.title, MistakeCode.CONFLICT, problem)
     true: dict[int, dict[object, FloatArray]] = {
         k: {} for k in scan_numbers.values() if by_number or k in with_rows
     }
@@ -138,7 +139,12 @@ def truth_by_scan(
         if k is None or k not in scans or id_ is None:
             continue
         if id_ in true[k]:
-            raise ConfigError(str(truth.path), "id", f"{id_!r} is in scan {k:.0f} twice; expected it once")
+            raise ConfigError(
+                str(truth.path),
+                "id",
+                MistakeCode.DUPLICATE,
+                f"{id_!r} is in scan {k:.0f} twice; expected it once",
+            )
         true[k][id_] = read_only(position_m)
     missing = len(scan_numbers) - len(true)
     remark = (

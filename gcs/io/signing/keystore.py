@@ -34,6 +34,7 @@ from gcs.endpoints import parse_endpoint
 from gcs.errors import ConfigError, LinkError
 from gcs.files import read_bytes, read_text
 from gcs.mavlink.frames.signing import KEY_BYTES, NS_PER_TICK, Keys
+from gcs.mistake_codes import MistakeCode
 from gcs.model import NS_PER_S, vehicle_name, vehicle_of
 
 MAX_ADVANCE_NS: Final = 30 * NS_PER_S
@@ -84,7 +85,9 @@ class KeyFile:
         try:
             write_secret(self.path, "".join(parts).encode())
         except OSError as error:
-            raise ConfigError(str(self.path), "", f"cannot be written: {error.strerror}") from None
+            raise ConfigError(
+                str(self.path), "", MistakeCode.NO_ACCESS, f"cannot be written: {error.strerror}"
+            ) from None
 
 
 def read_keys(path: Path) -> KeyFile:
@@ -99,21 +102,28 @@ def read_keys(path: Path) -> KeyFile:
     try:
         mode = path.stat().st_mode
         if stat.S_ISDIR(mode):
-            raise ConfigError(source, "", "is a folder: expected a key file, as `gcs keys new` makes one")
+            raise ConfigError(
+                source,
+                "",
+                MistakeCode.INVALID_FILE,
+                "is a folder: expected a key file, as `gcs keys new` makes one",
+            )
         if mode & (stat.S_IRWXG | stat.S_IRWXO):
             problem = f"others may read these keys (mode {stat.S_IMODE(mode):o}): chmod 600 {path}"
-            raise ConfigError(source, "", problem)
+            raise ConfigError(source, "", MistakeCode.INSECURE, problem)
         text = read_text(path, _MAX_BYTES)
     except FileNotFoundError:
-        raise ConfigError(source, "", f"there is no such key file: `gcs keys new {path}` makes one") from None
+        raise ConfigError(
+            source, "", MistakeCode.NOT_FOUND, f"there is no such key file: `gcs keys new {path}` makes one"
+        ) from None
     except OSError as error:
-        raise ConfigError(source, "", f"cannot be read: {error.strerror}") from None
+        raise ConfigError(source, "", MistakeCode.NO_ACCESS, f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise ConfigError(source, "", "not valid TOML") from None
+        raise ConfigError(source, "", MistakeCode.INVALID_FILE, "not valid TOML") from None
     try:
         raw = decode_toml(text, source)
     except ConfigError:  # Its text would show a key.
-        raise ConfigError(source, "", "not valid TOML") from None
+        raise ConfigError(source, "", MistakeCode.INVALID_FILE, "not valid TOML") from None
     table = convert(raw, _KeyTable, source)
     return KeyFile(
         path,
@@ -131,7 +141,7 @@ def _vehicle_keys(source: str, table: str, entries: Mapping[str, str]) -> dict[i
             vehicle = vehicle_of(name)
         except ValueError:
             problem = 'expected a system id, or "network:system id"'
-            raise ConfigError(source, f"{table}.{name}", problem) from None
+            raise ConfigError(source, f"{table}.{name}", MistakeCode.WRONG_TYPE, problem) from None
         found[vehicle] = _key(source, f"{table}.{name}", value)
     return found
 
@@ -140,7 +150,7 @@ def _link_name(source: str, name: str) -> str:
     try:
         return str(parse_endpoint(name))
     except LinkError as error:
-        raise ConfigError(source, f"links.{name}", error.problem) from None
+        raise ConfigError(source, f"links.{name}", MistakeCode.WRONG_TYPE, error.problem) from None
 
 
 def _key(source: str, where: str, text: str) -> bytes:
@@ -149,7 +159,12 @@ def _key(source: str, where: str, text: str) -> bytes:
     except ValueError:
         key = b""
     if len(key) != KEY_BYTES or not any(key):
-        raise ConfigError(source, where, f"expected a key: {2 * KEY_BYTES} hex digits, not all of them 0")
+        raise ConfigError(
+            source,
+            where,
+            MistakeCode.WRONG_TYPE,
+            f"expected a key: {2 * KEY_BYTES} hex digits, not all of them 0",
+        )
     return key
 
 
@@ -193,10 +208,12 @@ class TimeFile:
         except FileNotFoundError:
             return 0, {}
         except OSError as error:
-            raise ConfigError(str(self.path), "", f"cannot be read: {error.strerror}") from None
+            raise ConfigError(
+                str(self.path), "", MistakeCode.NO_ACCESS, f"cannot be read: {error.strerror}"
+            ) from None
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             problem = "is damaged; with a right clock it can be deleted: vehicles follow the later time"
-            raise ConfigError(str(self.path), "", problem) from None
+            raise ConfigError(str(self.path), "", MistakeCode.INVALID_FILE, problem) from None
         if not table.unix_ns:
             return table.timestamp, table.streams
         passed_ns = unix_ns - table.unix_ns

@@ -17,6 +17,7 @@ from gcs.io.background_writer import BackgroundWriter
 from gcs.io.clock import unix_ns
 from gcs.io.signing.keystore import TimeFile, read_keys
 from gcs.mavlink.frames.signing import TICKS_PER_S, Keys, SigningCounters, SigningGate
+from gcs.mistake_codes import MistakeCode
 from gcs.model import NS_PER_S, NoticeCode, NoticeContent, Parameter
 
 _SAVE_EVERY_NS: Final = 10 * NS_PER_S
@@ -61,7 +62,12 @@ class LinkSigning:
         self.gate = SigningGate(table, links, *self._time.read(unix_ns()))
         unknown = sorted(table.links.keys() - {link.name for link in links})
         if unknown:
-            raise ConfigError(str(keys), f"links.{unknown[0]}", "the mission file has no such endpoint")
+            raise ConfigError(
+                str(keys),
+                f"links.{unknown[0]}",
+                MistakeCode.UNKNOWN_NAME,
+                "the mission file has no such endpoint",
+            )
 
     def tick(self, t_ns: int) -> list[tuple[str, NoticeContent]]:
         """Save the times at intervals, and when they run ahead of the saved ones; return notices by link."""

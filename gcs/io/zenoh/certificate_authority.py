@@ -32,6 +32,7 @@ from gcs.io.private_files import make_private
 from gcs.io.signing.keystore import write_secret
 from gcs.io.zenoh.access_control import Role, common_name
 from gcs.io.zenoh.certificates import CA, CERTIFICATE, KEY, NODES, read_nodes
+from gcs.mistake_codes import MistakeCode
 
 CA_KEY: Final = "ca.key"
 _CLOCK_TOLERANCE: Final = timedelta(hours=1)
@@ -79,13 +80,13 @@ def make_node(ca: Path, name: str, role: Role, hosts: Sequence[str], days: int) 
         When the CA cannot be read, or the node exists already.
     """
     if not re.match(NODE_NAME, name):
-        raise ConfigError("NAME", name, "expected 1 to 48 letters, digits, - and _")
+        raise ConfigError("NAME", name, MistakeCode.WRONG_TYPE, "expected 1 to 48 letters, digits, - and _")
     issuer, issuer_key = _read_ca(ca)
     path = ca / NODES
     nodes = read_nodes(path) if path.exists() else {}
     if nodes.get(name, role) != role:
         problem = f"is listed with the role {nodes[name]}; choose another name"
-        raise ConfigError(str(path), f"nodes.{name}", problem)
+        raise ConfigError(str(path), f"nodes.{name}", MistakeCode.DUPLICATE, problem)
     folder = ca / common_name(role, name)
     _refuse_existing(folder, (CERTIFICATE, KEY))
     key = ec.generate_private_key(ec.SECP256R1())
@@ -125,12 +126,12 @@ def _read_ca(folder: Path) -> tuple[x509.Certificate, ec.EllipticCurvePrivateKey
         key = load_pem_private_key(read_bytes(folder / CA_KEY, _MAX_BYTES), None)
     except FileNotFoundError as error:
         problem = f"is missing: `gcs keys ca {folder}` makes a CA"
-        raise ConfigError(str(error.filename), "", problem) from None
+        raise ConfigError(str(error.filename), "", MistakeCode.NOT_FOUND, problem) from None
     except (OSError, ValueError, TypeError):
         problem = f"expected {CA} and {CA_KEY} of a CA, as `gcs keys ca` makes them"
-        raise ConfigError(str(folder), "", problem) from None
+        raise ConfigError(str(folder), "", MistakeCode.BAD_CREDENTIALS, problem) from None
     if not isinstance(key, ec.EllipticCurvePrivateKey) or key.public_key() != certificate.public_key():
-        raise ConfigError(str(folder / CA_KEY), "", f"is not the key of {CA}")
+        raise ConfigError(str(folder / CA_KEY), "", MistakeCode.BAD_CREDENTIALS, f"is not the key of {CA}")
     return certificate, key
 
 
@@ -174,7 +175,9 @@ def _host(name: str) -> x509.GeneralName:
     try:
         return x509.DNSName(name)
     except ValueError:
-        raise ConfigError("--host", name, "expected a host name in ASCII, or an address") from None
+        raise ConfigError(
+            "--host", name, MistakeCode.WRONG_TYPE, "expected a host name in ASCII, or an address"
+        ) from None
 
 
 def _pem(key: ec.EllipticCurvePrivateKey) -> bytes:
@@ -185,7 +188,7 @@ def _refuse_existing(folder: Path, names: Sequence[str]) -> None:
     for name in names:
         if (folder / name).exists():
             problem = "exists and is kept; remove its folder first, or choose another"
-            raise ConfigError(str(folder / name), "", problem)
+            raise ConfigError(str(folder / name), "", MistakeCode.EXISTS, problem)
 
 
 def _write(folder: Path, files: dict[str, bytes]) -> None:
@@ -194,4 +197,6 @@ def _write(folder: Path, files: dict[str, bytes]) -> None:
         for name, data in files.items():
             write_secret(folder / name, data)
     except OSError as error:
-        raise ConfigError(str(folder), "", f"cannot be written: {error.strerror}") from None
+        raise ConfigError(
+            str(folder), "", MistakeCode.NO_ACCESS, f"cannot be written: {error.strerror}"
+        ) from None

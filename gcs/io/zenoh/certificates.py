@@ -24,6 +24,7 @@ from gcs.config.schema import NODE_NAME
 from gcs.errors import ConfigError
 from gcs.files import read_bytes, read_text
 from gcs.io.zenoh.access_control import ROLES, Role, common_name
+from gcs.mistake_codes import MistakeCode
 
 CA: Final = "ca.pem"
 CERTIFICATE: Final = "node.pem"
@@ -75,18 +76,20 @@ def read_nodes(path: Path) -> dict[str, Role]:
     source = str(path)
     try:
         if path.stat().st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-            raise ConfigError(source, "", f"others may change this list: chmod go-w {path}")
+            raise ConfigError(
+                source, "", MistakeCode.INSECURE, f"others may change this list: chmod go-w {path}"
+            )
         raw = decode_toml(read_text(path, _MAX_BYTES), source)
     except FileNotFoundError:
         problem = "is missing; it says who may connect: `gcs keys node` writes it beside ca.key, copy it here"
-        raise ConfigError(source, "", problem) from None
+        raise ConfigError(source, "", MistakeCode.NOT_FOUND, problem) from None
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(source, "", f"cannot be read: {_reason(error)}") from None
+        raise ConfigError(source, "", MistakeCode.NO_ACCESS, f"cannot be read: {_reason(error)}") from None
     nodes = convert(raw, _NodesTable, source).nodes
     for name in nodes:
         if not re.match(NODE_NAME, name):
             problem = "expected a name of 1 to 48 letters, digits, - and _"
-            raise ConfigError(source, f"nodes.{name}", problem)
+            raise ConfigError(source, f"nodes.{name}", MistakeCode.WRONG_TYPE, problem)
     return nodes
 
 
@@ -102,11 +105,11 @@ def read_node(folder: Path) -> Node:
     for name in (CA, CERTIFICATE, KEY):
         if not (folder / name).exists():
             problem = f"is missing; `gcs keys node` makes a folder with {CA}, {CERTIFICATE} and {KEY}"
-            raise ConfigError(str(folder / name), "", problem)
+            raise ConfigError(str(folder / name), "", MistakeCode.NOT_FOUND, problem)
     mode = (folder / KEY).stat().st_mode
     if mode & (stat.S_IRWXG | stat.S_IRWXO):
         problem = f"others may read this key (mode {stat.S_IMODE(mode):o}): chmod 600 {folder / KEY}"
-        raise ConfigError(str(folder / KEY), "", problem)
+        raise ConfigError(str(folder / KEY), "", MistakeCode.INSECURE, problem)
     _load(folder / CA)
     certificate = _load(folder / CERTIFICATE)
     _check_key(folder, certificate)
@@ -115,11 +118,11 @@ def read_node(folder: Path) -> Node:
     expires = certificate.not_valid_after_utc
     if now > expires:
         problem = f"expired on {expires:%Y-%m-%d %H:%M} UTC: `gcs keys node` makes a new one"
-        raise ConfigError(str(folder / CERTIFICATE), "", problem)
+        raise ConfigError(str(folder / CERTIFICATE), "", MistakeCode.BAD_CREDENTIALS, problem)
     if now < certificate.not_valid_before_utc:
         start = certificate.not_valid_before_utc
         problem = f"is valid from {start:%Y-%m-%d %H:%M} UTC on; is the clock of this machine right?"
-        raise ConfigError(str(folder / CERTIFICATE), "", problem)
+        raise ConfigError(str(folder / CERTIFICATE), "", MistakeCode.BAD_CREDENTIALS, problem)
     return Node(folder, role, name, expires)
 
 
@@ -127,7 +130,12 @@ def _load(path: Path) -> x509.Certificate:
     try:
         return x509.load_pem_x509_certificate(read_bytes(path, _MAX_BYTES))
     except (OSError, ValueError) as error:
-        raise ConfigError(str(path), "", f"expected a certificate in PEM form: {_reason(error)}") from None
+        raise ConfigError(
+            str(path),
+            "",
+            MistakeCode.BAD_CREDENTIALS,
+            f"expected a certificate in PEM form: {_reason(error)}",
+        ) from None
 
 
 def _check_key(folder: Path, certificate: x509.Certificate) -> None:
@@ -135,11 +143,16 @@ def _check_key(folder: Path, certificate: x509.Certificate) -> None:
     try:
         key = load_pem_private_key(read_bytes(path, _MAX_BYTES), None)
     except OSError as error:
-        raise ConfigError(str(path), "", f"cannot be read: {_reason(error)}") from None
+        raise ConfigError(str(path), "", MistakeCode.NO_ACCESS, f"cannot be read: {_reason(error)}") from None
     except (ValueError, TypeError):  # Their texts are not shown: this is the key.
-        raise ConfigError(str(path), "", "expected a private key in PEM form, without a passphrase") from None
+        raise ConfigError(
+            str(path),
+            "",
+            MistakeCode.BAD_CREDENTIALS,
+            "expected a private key in PEM form, without a passphrase",
+        ) from None
     if key.public_key() != certificate.public_key():
-        raise ConfigError(str(path), "", f"is not the key of {CERTIFICATE}")
+        raise ConfigError(str(path), "", MistakeCode.BAD_CREDENTIALS, f"is not the key of {CERTIFICATE}")
 
 
 def _role_and_name(folder: Path, certificate: x509.Certificate) -> tuple[Role, str]:
@@ -149,7 +162,7 @@ def _role_and_name(folder: Path, certificate: x509.Certificate) -> tuple[Role, s
     known = next((one for one in ROLES if one == role), None)
     if known is None or not re.match(NODE_NAME, name):
         problem = f"expected a common name such as sensor.radar-1 ({', '.join(ROLES)}), got {text!r}"
-        raise ConfigError(str(folder / CERTIFICATE), "", problem)
+        raise ConfigError(str(folder / CERTIFICATE), "", MistakeCode.BAD_CREDENTIALS, problem)
     return known, name
 
 

@@ -22,6 +22,7 @@ from gcs.errors import ConfigError
 from gcs.fence import Area
 from gcs.files import read_bytes
 from gcs.geo import LocalFrame, corner_error
+from gcs.mistake_codes import MistakeCode
 
 _MAX_BYTES: Final = 4_000_000
 _MAX_DEPTH: Final = 40
@@ -36,9 +37,11 @@ def _text(path: Path) -> str:
     try:
         return read_bytes(path, _MAX_BYTES).decode("utf-8-sig")
     except OSError as error:
-        raise ConfigError(str(path), "", f"cannot be read: {error.strerror}") from None
+        raise ConfigError(str(path), "", MistakeCode.NO_ACCESS, f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise ConfigError(str(path), "", "is not text in UTF-8; a KMZ must be unzipped first") from None
+        raise ConfigError(
+            str(path), "", MistakeCode.INVALID_FILE, "is not text in UTF-8; a KMZ must be unzipped first"
+        ) from None
 
 
 # ---------------------------------------------------------------- .plan
@@ -56,9 +59,11 @@ def read_plan(path: Path) -> Sketch:
     try:
         raw = msgspec.json.decode(_text(path))
     except (msgspec.DecodeError, RecursionError, ValueError) as error:
-        raise ConfigError(source, "", f"is not JSON: {error}") from None
+        raise ConfigError(source, "", MistakeCode.INVALID_FILE, f"is not JSON: {error}") from None
     if not isinstance(raw, dict) or raw.get("fileType") != "Plan":
-        raise ConfigError(source, "fileType", 'expected "Plan": a plan file of QGroundControl')
+        raise ConfigError(
+            source, "fileType", MistakeCode.INVALID_FILE, 'expected "Plan": a plan file of QGroundControl'
+        )
     mission = _table(raw, "mission")
     sketch = Sketch()
     home = mission.get("plannedHomePosition")
@@ -92,7 +97,9 @@ def _plan_items(items: list[Any], sketch: Sketch, source: str) -> None:
             continue
         params = item.get("params")
         if not isinstance(params, list) or len(params) < 6:
-            raise ConfigError(source, f"{key}.params", "expected a list of seven parameters")
+            raise ConfigError(
+                source, f"{key}.params", MistakeCode.WRONG_TYPE, "expected a list of seven parameters"
+            )
         lat_deg, lon_deg = _numbers(params[4:6], 2, source, f"{key}.params[4:6]")
         place = _place(lat_deg, lon_deg, source, key)
         if all(other != place for other, _ in sketch.targets):  # a waypoint and a loiter may be at one place
@@ -108,7 +115,7 @@ def _plan_fence(fence: dict[str, Any], sketch: Sketch, source: str) -> None:
         places = [_numbers(corner, 2, source, f"{key}.polygon[{n}]") for n, corner in enumerate(corners)]
         polygon = tuple(_place(lat_deg, lon_deg, source, key) for lat_deg, lon_deg in places)
         if error := corner_error(polygon):
-            raise ConfigError(source, key, error)
+            raise ConfigError(source, key, MistakeCode.BAD_SHAPE, error)
         sketch.areas.append(FenceArea(row.get("inclusion") is True, polygon))
     for index, row in enumerate(_list(fence, "circles")):
         key = f"geoFence.circles[{index}]"
@@ -116,7 +123,9 @@ def _plan_fence(fence: dict[str, Any], sketch: Sketch, source: str) -> None:
         lat_deg, lon_deg = _numbers(circle.get("center"), 2, source, f"{key}.circle.center")
         (radius_m,) = _numbers([circle.get("radius")], 1, source, f"{key}.circle.radius")
         if not 0.0 < radius_m <= 100_000.0:
-            raise ConfigError(source, f"{key}.circle.radius", "expected metres, above 0")
+            raise ConfigError(
+                source, f"{key}.circle.radius", MistakeCode.OUT_OF_RANGE, "expected metres, above 0"
+            )
         place = _place(lat_deg, lon_deg, source, key)
         sketch.areas.append(FenceArea(row.get("inclusion") is True, (), (*place, radius_m)))
 
@@ -128,7 +137,7 @@ def _table(raw: dict[str, Any], name: str) -> dict[str, Any]:
 
 def _dict(value: Any, source: str, key: str) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise ConfigError(source, key, "expected an object")
+        raise ConfigError(source, key, MistakeCode.WRONG_TYPE, "expected an object")
     return value
 
 
@@ -142,12 +151,14 @@ def _numbers(value: Any, count: int, source: str, key: str) -> tuple[float, ...]
         numbers = value[:count]
         if all(isinstance(one, int | float) and abs(one) < _MAX_NUMBER for one in numbers):
             return tuple(float(one) for one in numbers)
-    raise ConfigError(source, key, f"expected {count} numbers")
+    raise ConfigError(source, key, MistakeCode.WRONG_TYPE, f"expected {count} numbers")
 
 
 def _place(lat_deg: float, lon_deg: float, source: str, key: str) -> Place:
     if not is_place(lat_deg, lon_deg):
-        raise ConfigError(source, key, f"{lat_deg}, {lon_deg} is no latitude and longitude")
+        raise ConfigError(
+            source, key, MistakeCode.OUT_OF_RANGE, f"{lat_deg}, {lon_deg} is no latitude and longitude"
+        )
     return lat_deg, lon_deg
 
 
@@ -167,14 +178,16 @@ def read_kml(path: Path) -> Sketch:
     source = str(path)
     text = _text(path)
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise ConfigError(source, "", "has a document type, which KML does not need: not read")
+        raise ConfigError(
+            source, "", MistakeCode.INVALID_FILE, "has a document type, which KML does not need: not read"
+        )
     try:
         # The size is limited, and without a DOCTYPE nothing expands.
         root = ET.fromstring(text, ET.XMLParser(target=_Tree(source)))  # noqa: S314
     except (ET.ParseError, ValueError) as error:
-        raise ConfigError(source, "", f"is not XML: {error}") from None
+        raise ConfigError(source, "", MistakeCode.INVALID_FILE, f"is not XML: {error}") from None
     if _tag(root) != "kml":
-        raise ConfigError(source, "", f"expected KML, got <{_tag(root)[:40]}>")
+        raise ConfigError(source, "", MistakeCode.INVALID_FILE, f"expected KML, got <{_tag(root)[:40]}>")
     sketch = Sketch()
     paths = 0
     for placemark in (one for one in root.iter() if _tag(one) == "Placemark"):
@@ -204,7 +217,9 @@ class _Tree(ET.TreeBuilder):
     def start(self, tag: str, attrs: dict[str, str]) -> ET.Element:
         self._depth += 1
         if self._depth > _MAX_DEPTH:
-            raise ConfigError(self._source, "", f"is nested deeper than {_MAX_DEPTH} elements")
+            raise ConfigError(
+                self._source, "", MistakeCode.INVALID_FILE, f"is nested deeper than {_MAX_DEPTH} elements"
+            )
         return super().start(tag, attrs)
 
     def end(self, tag: str) -> ET.Element:
@@ -219,7 +234,9 @@ def _tag(element: ET.Element) -> str:
 
 def _add_point(name: str, places: list[Place], sketch: Sketch, source: str) -> None:
     if len(places) != 1:
-        raise ConfigError(source, f"Placemark {name!r}", "expected one place in a Point")
+        raise ConfigError(
+            source, f"Placemark {name!r}", MistakeCode.WRONG_TYPE, "expected one place in a Point"
+        )
     if not name.lower().startswith(("agent", "vehicle")):
         sketch.targets.append((places[0], name))
         return
@@ -227,10 +244,17 @@ def _add_point(name: str, places: list[Place], sketch: Sketch, source: str) -> N
     used = {start.system_id for start in sketch.starts}
     free = next((n for n in range(1, 251) if n not in used), 0)
     if not free:
-        raise ConfigError(source, f"Placemark {name!r}", "there are more than 250 vehicles")
+        raise ConfigError(
+            source, f"Placemark {name!r}", MistakeCode.TOO_LARGE, "there are more than 250 vehicles"
+        )
     wanted = int(number) if number else free
     if not 1 <= wanted <= 250 or wanted in used:
-        raise ConfigError(source, f"Placemark {name!r}", "expected a system id of its own, 1 to 250")
+        raise ConfigError(
+            source,
+            f"Placemark {name!r}",
+            MistakeCode.OUT_OF_RANGE,
+            "expected a system id of its own, 1 to 250",
+        )
     sketch.starts.append(Start(places[0], wanted, note=name))
 
 
@@ -240,7 +264,7 @@ def _add_polygon(name: str, shape: ET.Element, sketch: Sketch, source: str) -> N
     if len(corners) > 1 and corners[0] == corners[-1]:
         corners.pop()
     if error := corner_error(set(corners)):
-        raise ConfigError(source, f"Placemark {name!r}", f"{error} in a Polygon")
+        raise ConfigError(source, f"Placemark {name!r}", MistakeCode.BAD_SHAPE, f"{error} in a Polygon")
     sketch.areas.append(FenceArea(stay_in=False, corners=tuple(corners), name=name))
 
 
@@ -306,10 +330,12 @@ def _coordinates(shape: ET.Element, name: str, source: str) -> list[Place]:
             lon_deg = lat_deg = math.nan
         if not is_place(lat_deg, lon_deg):
             expected = f"expected longitude,latitude in degrees, got {words[:60]!r}"
-            raise ConfigError(source, f"Placemark {name!r}", expected)
+            raise ConfigError(source, f"Placemark {name!r}", MistakeCode.WRONG_TYPE, expected)
         places.append((lat_deg, lon_deg))
         if len(places) > MAX_PLACES:
-            raise ConfigError(source, f"Placemark {name!r}", f"has more than {MAX_PLACES} places")
+            raise ConfigError(
+                source, f"Placemark {name!r}", MistakeCode.TOO_LARGE, f"has more than {MAX_PLACES} places"
+            )
     return places
 
 
