@@ -9,9 +9,13 @@ import pytest
 
 from gcs.io.record_json import decode, encode
 from gcs.model import Notice, NoticeCode
+from gcs.planning.plan_notes import PlanNote
 from gcs.report.alarms_page import alarms_page, sections
 
 ROOT = Path(__file__).parent.parent
+PLANNING = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "gcs" / "planning").rglob("*.py"))
+RAISED = {NoticeCode[name] for name in re.findall(r"NoticeCode\.([A-Z_]+)", PLANNING)}
+PLAN_NOTES = sorted({NoticeCode.NO_LAYER_LEFT, *(code for code in RAISED if code.level != "info")})
 TABLE = ROOT / "gcs" / "model" / "notice_codes.py"
 
 
@@ -100,6 +104,14 @@ def test_conditions_are_told_apart_by_what_the_table_says():
     assert first.key == again.key
     assert first.key in over.ended
     assert third.key not in over.ended
+
+
+@pytest.mark.parametrize("code", PLAN_NOTES)
+def test_each_condition_of_a_plan_has_an_end_of_its_own(code):
+    note = PlanNote(code, 1 if code.about == "vehicle" else None, {"target": "T0.1", "vehicles": (1, 2)})
+    over = note.over.at(9)
+    assert over.ended == (note.key,)
+    assert "–" not in over.text, "its text has all that it needs"
 
 
 def test_a_verified_mission_ends_the_alarms_of_the_one_before():

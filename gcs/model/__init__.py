@@ -43,7 +43,7 @@ from gcs.model.events import (
 )
 from gcs.model.flight_phase import PHASE_TRANSITIONS, FlightEvent, FlightPhase, FlightPhaseWord, HealthItem
 from gcs.model.notice_codes import NoticeCode
-from gcs.model.notices import Notice, NoticeContent, Notify, Subject
+from gcs.model.notices import CONDITION, ConditionKey, Notice, NoticeContent, Notify, Subject
 from gcs.model.orders import Action, AnswerState, NoFlyZone, Order, OrderAnswer, Proposal, RouteFigures
 from gcs.model.picture import LaggedPicture, Picture, Track, VehicleState
 from gcs.model.plans import (
@@ -83,6 +83,7 @@ from gcs.model.vertical_limits import (
 
 __all__ = [
     "APPROACH_M",
+    "CONDITION",
     "NS_PER_S",
     "PHASE_TRANSITIONS",
     "UNLIMITED",
@@ -99,6 +100,7 @@ __all__ = [
     "Claim",
     "Claims",
     "ClockStep",
+    "ConditionKey",
     "Control",
     "ControlEvent",
     "Datagram",

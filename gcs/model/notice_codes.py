@@ -7,6 +7,7 @@ A text is a template (`gcs.model.templates`).
 
 A condition begins with a warning or an alarm, and ends with the notice whose `ends` names its code, about the
 same subject. Parameters in `by` belong to its identity: two parameters of one vehicle are two conditions.
+A notice that ends one of several conditions names its code in the parameter `condition`.
 """
 
 from __future__ import annotations
@@ -365,6 +366,9 @@ class NoticeCode(TableCode):
         "it may ignore orders and missions from here",
         "add its key to `links.keys` ([signing](signing.md)), or remove it over a cable",
     )
+    KEY_NOT_MISSING = _vehicle(
+        "key-not-missing", _I, "no longer signs with a key that is not here", ends="key-missing"
+    )
     FRAMES_REJECTED = _link(
         "frames-rejected",
         _A,
@@ -382,6 +386,9 @@ class NoticeCode(TableCode):
         "{path} cannot be written: {cause}",
         "the time beside the key file: after a restart vehicles might refuse signed frames",
         "check disk and permissions",
+    )
+    SIGNING_TIME_WRITTEN = _link(
+        "signing-time-written", _I, "{path} is written again", ends="signing-time-unwritten"
     )
 
     # ------------------------------------------------------------ is it where it says?
@@ -816,6 +823,12 @@ class NoticeCode(TableCode):
         "the other service goes on after `resume`",
         "end it",
     )
+    SECOND_COMMANDER_GONE = _vehicle(
+        "second-commander-gone",
+        _I,
+        "no other service with our ids has commanded it for {quiet_s:.0f} s",
+        ends="second-commander-tolerated",
+    )
     FAILSAFE = _vehicle(
         "failsafe",
         _A,
@@ -876,6 +889,9 @@ class NoticeCode(TableCode):
         "agents there",
         "targets that need agents after the end",
         "`gcs order continue` sends free agents",
+    )
+    TARGETS_ATTENDED = _mission(
+        "targets-attended", _I, "no target is left without an agent", ends="targets-unattended"
     )
     MISSION_GOES_ON = _mission(
         "mission-goes-on",
@@ -1058,6 +1074,44 @@ class NoticeCode(TableCode):
         "there are more vehicles than altitude layers",
         "hold one of them; more `mission.layers`",
         by="vehicles",
+    )
+    LAYERS_SUFFICE = _mission(
+        "layers-suffice",
+        _I,
+        "{vehicles:agents} no longer come near each other at one altitude",
+        ends="no-layer-left",
+        by="vehicles",
+    )
+    ROUTE_REMARK_OVER = _vehicle(
+        "route-remark-over",
+        _I,
+        "the last plan is without {condition} for target {target}",
+        "its parameter `condition` names which one ended",
+        ends="target-over-obstacle route-near-obstacles tightest-turn sharp-corners loiters-short "
+        "no-clear-loiter no-route-in-band",
+        by="target",
+    )
+    AGENT_REMARK_OVER = _vehicle(
+        "agent-remark-over",
+        _I,
+        "the last plan is without {condition}",
+        "its parameter `condition` names which one ended",
+        ends="agent-not-on-earth no-path-to-targets inside-obstacle",
+    )
+    TARGET_REMARK_OVER = _mission(
+        "target-remark-over",
+        _I,
+        "the last plan is without {condition} for target {target}",
+        "its parameter `condition` names which one ended",
+        ends="target-not-on-earth target-outside-map no-path-from-agents",
+        by="target",
+    )
+    PLAN_REMARK_OVER = _mission(
+        "plan-remark-over",
+        _I,
+        "the last plan is without {condition}",
+        "its parameter `condition` names which one ended",
+        ends="no-agents no-targets no-free-cell",
     )
     PLAN_WAITS = _mission(
         "plan-waits",

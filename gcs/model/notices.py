@@ -28,6 +28,8 @@ class Notify(Protocol):
         """Add the notice."""
 
 
+CONDITION: Final = "condition"
+"""Parameter of a notice that ends one of the conditions of its code: the code of that one."""
 MORE_COUNT: Final = "more_count"
 MORE_S: Final = "more_s"
 """Parameters of a summary: number of further notices of the same condition, and in how many seconds."""
@@ -86,8 +88,9 @@ class Notice:
 
     @property
     def ended(self) -> tuple[ConditionKey, ...]:
-        """Conditions that it ends."""
-        return tuple(self._key_of(code) for code in self.code.ended)
+        """Conditions that it ends: those of its code, or only the one that it names."""
+        named = self.parameters.get(CONDITION)
+        return tuple(self._key_of(code) for code in self.code.ended if named in (None, code))
 
     def _key_of(self, code: NoticeCode) -> ConditionKey:
         values = (self.subject, *(self.parameters.get(name) for name in code.by))

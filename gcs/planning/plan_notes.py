@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Final
 
-from gcs.model import Label, Notice, NoticeCode, Parameter, target_name
+from gcs.model import CONDITION, ConditionKey, Label, Notice, NoticeCode, Parameter, target_name
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,9 +23,40 @@ class PlanNote:
         return Notice(t_ns, self.code, self.vehicle, self.parameters)
 
     @property
+    def key(self) -> ConditionKey:
+        """Identity of the condition."""
+        return self.at(0).key
+
+    @property
+    def over(self) -> PlanNote:
+        """Note that the condition has ended."""
+        identity = {name: self.parameters[name] for name in self.code.by}
+        return PlanNote(_OVER[self.code], self.vehicle, identity | {CONDITION: self.code.value})
+
+    @property
     def line(self) -> str:
         """Text with the vehicle before it."""
         return self.at(0).line
+
+
+_OVER: Final = {
+    ended: code
+    for code in (
+        NoticeCode.LAYERS_SUFFICE,
+        NoticeCode.ROUTE_REMARK_OVER,
+        NoticeCode.AGENT_REMARK_OVER,
+        NoticeCode.TARGET_REMARK_OVER,
+        NoticeCode.PLAN_REMARK_OVER,
+    )
+    for ended in code.ended
+}
+
+
+def changes(before: Collection[PlanNote], after: Collection[PlanNote]) -> tuple[PlanNote, ...]:
+    """Return what is new in the notes of a plan: first the ends of conditions, then conditions that begin."""
+    held = {note.key for note in after}
+    ended = {note.key: note.over for note in before if note.key not in held}
+    return (*ended.values(), *(note for note in after if note not in before))
 
 
 def of_target(code: NoticeCode, label: Label) -> PlanNote:

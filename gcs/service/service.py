@@ -75,6 +75,8 @@ _STALL_S = 1.0
 """The lease of a service that stood still for longer may have ended."""
 OUTAGE_S = 5.0
 """A service that stood still for longer continues as after a restart: vehicles were heard, but not by it."""
+_KEY_NOT_MISSING_NS = 10 * NS_PER_S
+"""Time without frames that are signed with a key that is not here, after which none is missing."""
 _LEARN_S = 1.0
 _LEARN_POLL_S = 0.02
 _MAX_UNPUBLISHED = 1000
@@ -119,7 +121,8 @@ class Service:
         self._consumed_t_ns: int | None = None
         """Time of the last event."""
         self._tick_waits = False
-        self._keyless: set[int] = set()
+        self._keyless_t_ns: dict[int, int] = {}
+        """Last time at which a vehicle signed its frames with a key that is not here."""
         self._snapshots = PeriodicSnapshots()
 
     def resume(self, snapshot: Snapshot, state: State) -> None:
@@ -341,15 +344,18 @@ class Service:
             self.on_notice(link, NoticeCode.NOISE_DROPPED, count=count)
 
     def _check_keys(self) -> None:
-        """Queue an alarm, once, for each vehicle that signs its frames and has no key here."""
+        """Queue an alarm for each vehicle that signs its frames and has no key here, and later its end."""
         fleet = self.engine.stages.fleet
+        t_ns = self.clock.now_ns()
         for agent in self.config.agents:
             vehicle = agent.vehicle
-            if not fleet.is_signed(vehicle) or vehicle in self._keyless:
-                continue
-            if not self.links.is_keyed(fleet.link(vehicle), vehicle):
-                self._keyless.add(vehicle)
-                self._put(LinkNews(Notice(self.clock.now_ns(), NoticeCode.KEY_MISSING, vehicle)))
+            if fleet.is_signed(vehicle) and not self.links.is_keyed(fleet.link(vehicle), vehicle):
+                if vehicle not in self._keyless_t_ns:
+                    self._put(LinkNews(Notice(t_ns, NoticeCode.KEY_MISSING, vehicle)))
+                self._keyless_t_ns[vehicle] = t_ns
+            elif t_ns - self._keyless_t_ns.get(vehicle, t_ns) > _KEY_NOT_MISSING_NS:
+                del self._keyless_t_ns[vehicle]
+                self._put(LinkNews(Notice(t_ns, NoticeCode.KEY_NOT_MISSING, vehicle)))
 
     def _process(self, event: Event, frames: FrameTable | None = None) -> bool:
         """Record an event, step the engine and carry out its effects; return True if the mission ended.

@@ -5,6 +5,7 @@ import errno
 import time
 from collections.abc import Iterator
 from itertools import pairwise
+from types import SimpleNamespace
 
 import pytest
 
@@ -205,6 +206,23 @@ def test_a_vehicle_that_signs_without_a_key_here_is_named_once(service, monkeypa
     serve(service, now(), 0.5)
     (notice,) = told(sink, NoticeCode.KEY_MISSING)
     assert notice.vehicle == 3
+
+
+def test_a_missing_key_is_told_until_the_vehicle_no_longer_signs(service, monkeypatch):
+    signed, told_of, at_ns = {3}, [], [0]
+    monkeypatch.setattr(service.engine.stages.fleet, "is_signed", lambda vehicle: vehicle in signed)
+    monkeypatch.setattr(service, "clock", SimpleNamespace(now_ns=lambda: at_ns[0]))
+    monkeypatch.setattr(service, "_put", lambda news: told_of.append(news.notice))
+    for t_s in range(40):
+        at_ns[0] = t_s * NS_PER_S
+        if t_s in (5, 20):  # one frame without a signature is no end
+            signed.clear()
+        elif t_s == 6:
+            signed.add(3)
+        service._check_keys()
+    assert [notice.code for notice in told_of] == [NoticeCode.KEY_MISSING, NoticeCode.KEY_NOT_MISSING]
+    assert told_of[1].ended == (told_of[0].key,)
+    assert told_of[1].t_ns == 30 * NS_PER_S
 
 
 def test_a_port_that_is_taken_is_named_with_what_to_do(service):

@@ -81,6 +81,8 @@ class CommanderWatch:
     """Its sequence number."""
     is_tolerated: bool = False
     """True if an operator resumed the vehicle, and the other service has not ended since."""
+    is_reported: bool = False
+    """True if the operator was warned that the other service goes on."""
 
 
 @dataclass(slots=True)

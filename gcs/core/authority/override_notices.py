@@ -91,14 +91,18 @@ def unattended_targets(
     state: AuthorityState, targets: Collection[Label], t_ns: int, *, has_ended: bool
 ) -> list[Effect]:
     """Process the open targets; return a notice about those that are left after the end of the mission."""
-    if not has_ended:
+    if state.known_targets and (not has_ended or set(targets).isdisjoint(state.known_targets)):
         state.known_targets = ()
-        return []
+        attended = [Notice(t_ns, NoticeCode.TARGETS_ATTENDED)]
+    else:
+        attended = []
+    if not has_ended:
+        return [*attended]
     new = sorted(set(targets) - set(state.known_targets))
     state.known_targets += tuple(new)
     if not new:
-        return []
-    return [Notice(t_ns, NoticeCode.TARGETS_UNATTENDED, None, {"targets": targets_text(new)})]
+        return [*attended]
+    return [*attended, Notice(t_ns, NoticeCode.TARGETS_UNATTENDED, None, {"targets": targets_text(new)})]
 
 
 def overridden_text(modes: Mapping[int, str]) -> str:

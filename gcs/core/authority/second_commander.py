@@ -32,6 +32,7 @@ from gcs.mavlink.frames.codec import OWN_IDS, Message, frame_at, target_of
 from gcs.mavlink.router.access_policy import MISSION_PROTOCOL, command_of
 from gcs.mavlink.services.retry import ns
 from gcs.model import (
+    NS_PER_S,
     Authority,
     ControlEvent,
     Effect,
@@ -125,7 +126,20 @@ class SecondCommander:
         return self._take(vehicle, f"{_sign(message)}, {_at(agent.link.address)}", t_ns)
 
     def poll(self, t_ns: int) -> list[Effect]:
-        """Check for heartbeats of another instance."""
+        """Check for heartbeats of another instance, and for the end of one that is tolerated."""
+        return [*self._heartbeats(t_ns), *self._ended(t_ns)]
+
+    def _ended(self, t_ns: int) -> list[Effect]:
+        effects: list[Effect] = []
+        for vehicle, agent in self._agents.items():
+            watch = agent.authority.commander
+            if watch.is_reported and t_ns - watch.unasked_t_ns > _ENDED_NS:
+                watch.is_reported = False
+                about = {"quiet_s": (t_ns - watch.unasked_t_ns) / NS_PER_S}
+                effects.append(Notice(t_ns, NoticeCode.SECOND_COMMANDER_GONE, vehicle, about))
+        return effects
+
+    def _heartbeats(self, t_ns: int) -> list[Effect]:
         address = self._fleet.other_instance(t_ns)
         if address is None:
             return []
@@ -155,6 +169,7 @@ class SecondCommander:
             return []
         parameters: dict[str, Parameter] = {"ids": f"{OWN_IDS[0]}/{OWN_IDS[1]}", "sign": sign}
         if agent.authority.commander.is_tolerated:
+            agent.authority.commander.is_reported = True
             return self._remind(Notice(t_ns, NoticeCode.SECOND_COMMANDER_TOLERATED, vehicle, parameters))
         agent.claims.apply(ControlEvent.COMMANDED_ELSEWHERE, t_ns)
         agent.routes.drop()

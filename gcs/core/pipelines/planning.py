@@ -106,8 +106,9 @@ def end_mission(stages: Stages, t_ns: int) -> list[Effect]:
     state.has_ended = True
     state.ended_without_agents = not is_done
     arrived, lost, down = (tuple(with_status(agents, word)) for word in ("arrived", "lost", "down"))
-    return [MissionEnded(t_ns, arrived, lost, tuple(active), down)]
+    stages.replanner.end_notes()
+    return [*_notes(stages, t_ns), MissionEnded(t_ns, arrived, lost, tuple(active), down)]
 
 
 def _notes(stages: Stages, t_ns: int) -> list[Effect]:
-    return [note.at(t_ns) for note in stages.state.replanning.new_notes]
+    return [note.at(t_ns) for note in stages.replanner.take_notes()]

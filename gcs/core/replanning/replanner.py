@@ -29,7 +29,7 @@ from gcs.core.replanning.triggers import Triggers
 from gcs.core.state import Agent, flown_routes
 from gcs.core.tasking.mission_builder import flown_points
 from gcs.model import NS_PER_S, Label, NoticeCode, Plan, Route, VehicleState
-from gcs.planning.plan_notes import PlanNote
+from gcs.planning.plan_notes import PlanNote, changes
 from gcs.planning.plan_result import Choice, PlanResult, choose_new
 from gcs.planning.planner import plan_mission
 
@@ -160,12 +160,11 @@ class Replanner:
         return due_t_ns is None or t_ns >= due_t_ns
 
     def check(self, inputs: PlanningInputs, *, urgent_only: bool = False) -> Plan | None:
-        """Plan if there is a trigger; `ReplanningState.new_notes` has what else the operator should know.
+        """Plan if there is a trigger; `take_notes` returns what else the operator should know.
 
         With `urgent_only` other triggers wait for the next check.
         """
         state = self._state
-        state.new_notes = ()
         state.other_vehicles = inputs.other_vehicles
         if state.next_check_t_ns is None:
             return self._first_plan(inputs)
@@ -328,11 +327,11 @@ class Replanner:
         pairs = [conflict.vehicles for conflict in result.conflicts]  # distances would be news at every check
         near = [PlanNote(NoticeCode.NO_LAYER_LEFT, None, {"vehicles": pair}) for pair in pairs]
         kept = [
-            note for note in state.noted if note.vehicle in result.settled and "target" in note.parameters
+            note
+            for note in state.noted
+            if (note.vehicle in result.settled or note.vehicle in keeping) and "target" in note.parameters
         ]
-        notes = (*result.notes, *kept, *near)
-        state.new_notes = tuple(note for note in notes if note not in state.noted)
-        state.noted = notes
+        self._note((*result.notes, *kept, *near))
         self._decide(result.routes, inputs)
         return Plan(
             t_ns=inputs.t_ns,
@@ -344,6 +343,21 @@ class Replanner:
             changed=tuple(result.paths_m),
             causes=tuple(dict.fromkeys(reason.cause for reason in why)),
         )
+
+    def _note(self, notes: tuple[PlanNote, ...]) -> None:
+        """Replace the notes of the last plan."""
+        self._state.new_notes += changes(self._state.noted, notes)
+        self._state.noted = notes
+
+    def end_notes(self) -> None:
+        """End what holds of the last plan: there is no other for the time being."""
+        self._note(())
+
+    def take_notes(self) -> tuple[PlanNote, ...]:
+        """Return, once, the notes that began or ended since the last call."""
+        notes = self._state.new_notes
+        self._state.new_notes = ()
+        return notes
 
     def _decide(self, kept: Iterable[Route], inputs: PlanningInputs) -> None:
         """Make the routes of a plan the flown ones, or propose those that differ."""

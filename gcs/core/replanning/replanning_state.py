@@ -126,6 +126,6 @@ class ReplanningState:
     noted: tuple[PlanNote, ...] = ()
     """Notes of the last plan."""
     new_notes: tuple[PlanNote, ...] = ()
-    """Notes of the last check that the plan before did not have."""
+    """Notes that began or ended, and that the operator was not told yet."""
     other_vehicles: tuple[OtherVehicle, ...] = ()
     """Vehicles in the air that the last check had no routes for; they stay in their layers."""

@@ -49,8 +49,9 @@ class LinkSigning:
     def __init__(self, links: Sequence[Link], keys: Path | None = None) -> None:
         self._time: TimeFile | None = None
         self._writer: BackgroundWriter | None = None
-        self._save_problem = ""
-        """Why the last save failed; empty if it did not, or after the notice."""
+        self._saved: str | None = None
+        """Why the last save failed, empty if it did not; None after it was looked at."""
+        self._is_unwritten = False
         self._saved_t_ns = 0
         self._reported: dict[tuple[str, str], tuple[int, int]] = {}
         if keys is None:
@@ -80,10 +81,13 @@ class LinkSigning:
                 streams = self.gate.times_to_save(t_ns)
                 latest = max((self.gate.timestamp, *streams.values()))
                 self._writer.put(partial(self._save, latest + _SAVE_AHEAD_TICKS, streams, unix_ns()))
-            if self._save_problem:
-                about = {"path": str(self._time.path), "cause": self._save_problem}
+            cause, self._saved = self._saved, None
+            if cause:
+                about = {"path": str(self._time.path), "cause": cause}
                 news.append((link, (NoticeCode.SIGNING_TIME_UNWRITTEN, about)))
-                self._save_problem = ""
+            elif cause == "" and self._is_unwritten:
+                news.append((link, (NoticeCode.SIGNING_TIME_WRITTEN, {"path": str(self._time.path)})))
+            self._is_unwritten = bool(cause) or (self._is_unwritten and cause is None)
             if stuck := self._writer.notice():
                 news.append((self._writer.name, stuck))
         for name, counters in self.gate.counters.items():
@@ -101,7 +105,9 @@ class LinkSigning:
         try:
             self._time.write(timestamp, streams, now_ns)
         except OSError as error:
-            self._save_problem = str(error.strerror)
+            self._saved = str(error.strerror)
+        else:
+            self._saved = ""
 
     def _rejections(self, t_ns: int, name: str, counters: SigningCounters) -> list[NoticeContent]:
         """Return a notice for each new reason of rejections at once, then once a minute."""

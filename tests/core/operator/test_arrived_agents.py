@@ -44,6 +44,9 @@ def test_a_mission_that_has_ended_goes_on_by_order_until_the_other_targets_are_r
     (answer,) = ended.all(OrderAnswer)
     assert answer.state == "done"
     assert answer.detail == "the mission continues with targets T0.0, T0.3; agents 1, 3, 4 free for them"
+    (begin,) = noticed(ended.all(Notice), NoticeCode.TARGETS_UNATTENDED)
+    (end,) = noticed(ended.all(Notice), NoticeCode.TARGETS_ATTENDED)
+    assert (begin.t_ns < end.t_ns, end.ended) == (True, (begin.key,))
     reached = {status.target for status in ended.all(AgentStatus) if status.status == "arrived"}
     assert reached == {(0, 0), (0, 3)}
     assert set(at_targets(ended.run.engine.state.agents)) == before | reached

@@ -50,6 +50,38 @@ def test_the_operator_is_warned_of_vehicles_without_a_layer_of_their_own():
     assert (note.code, note.parameters) == (NoticeCode.NO_LAYER_LEFT, {"vehicles": (1, 2)})
 
 
+def test_a_warning_of_a_plan_ends_with_the_plan_in_which_it_no_longer_holds():
+    agents = {1: (100.0, 200.0), 2: (100.0, 220.0)}
+    desk = Desk(agents, {A: (1500.0, 200.0), B: (1500.0, 220.0)}, tables="[mission]\nlayers = 1\n")
+    desk.check(0.0)
+    (begin,) = desk.replanner.take_notes()
+    desk.lose(2)
+    desk.check(5.0)
+    (end,) = desk.replanner.take_notes()
+    assert end.at(at(5)).ended == (begin.key,)
+
+
+def test_a_warning_of_a_route_ends_alone():
+    """The same route may have others that go on."""
+    wall = "[map]\nboxes_m = [[1380.0, 80.0, 1620.0, 320.0]]\n"
+    desk = pair(tables=wall)
+    (begin,) = (one for one in desk.replanner.take_notes() if one.code is NoticeCode.TARGET_OVER_OBSTACLE)
+    desk.targets[A] = (1000.0, 200.0)
+    desk.check(5.0)
+    (end,) = (one for one in desk.replanner.take_notes() if one.code is NoticeCode.ROUTE_REMARK_OVER)
+    assert end.at(at(5)).ended == (begin.key,)
+
+
+def test_what_holds_of_a_plan_ends_with_the_mission():
+    agents = {1: (100.0, 200.0), 2: (100.0, 220.0)}
+    desk = Desk(agents, {A: (1500.0, 200.0), B: (1500.0, 220.0)}, tables="[mission]\nlayers = 1\n")
+    desk.check(0.0)
+    begun = {note.key for note in desk.replanner.take_notes()}
+    desk.replanner.end_notes()
+    assert {key for note in desk.replanner.take_notes() for key in note.at(at(5)).ended} == begun != set()
+    assert desk.replanner.take_notes() == ()
+
+
 def test_checks_come_every_period_and_not_at_every_scan():
     desk = pair()
     assert [t_s for t_s in range(1, 21) if desk.replanner.is_due(at(t_s)) and desk.check(t_s) is None] == [

@@ -193,7 +193,7 @@ def test_an_agent_without_a_route_does_not_make_a_plan_at_each_check():
     )
     plan = desk.check(0.0)
     assert plan.changed == (1,)
-    assert PlanNote(NoticeCode.NO_PATH_TO_TARGETS, 2) in desk.state.new_notes
+    assert PlanNote(NoticeCode.NO_PATH_TO_TARGETS, 2) in desk.replanner.take_notes()
     assert [desk.check(t_s) for t_s in range(5, 60, 5)] == [None] * 11
     assert not desk.state.new_notes  # reported once
     assert desk.assigned == {1: plan.routes[0].target}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import socket
 from pathlib import Path
 
@@ -107,6 +108,26 @@ def test_signing_time_goes_on_after_a_crash_and_after_the_clock_went_back(tmp_pa
     crashed.close()
     assert TimeFile(keys).path.stat().st_mode & 0o777 == 0o600
     assert time_of(LinkSigning([link], keys), NOW - 3600 * S) == crashed.gate.timestamp + 1
+
+
+def test_a_time_file_that_cannot_be_written_is_told_until_it_can(tmp_path, monkeypatch):
+    link = Link(parse_endpoint("udpin:127.0.0.1:0"))
+    signing = LinkSigning([link], key_file(tmp_path, default=KEY))
+    write = TimeFile.write
+
+    def full(*_args):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def told(t_s: int) -> list[NoticeCode]:
+        signing.tick(NOW + t_s * S)  # begins a save
+        signing.wait_until_saved()
+        return [code for _, (code, _) in signing.tick(NOW + t_s * S)]
+
+    monkeypatch.setattr(TimeFile, "write", full)
+    assert told(0) == [NoticeCode.SIGNING_TIME_UNWRITTEN]
+    monkeypatch.setattr(TimeFile, "write", write)
+    assert told(11) == [NoticeCode.SIGNING_TIME_WRITTEN]
+    assert told(22) == []
 
 
 def test_a_damaged_time_file_is_reported_and_not_skipped(tmp_path):

@@ -120,6 +120,18 @@ def test_an_operator_who_decides_against_the_alarm_is_obeyed_and_reminded() -> N
     assert both.first.said(NoticeCode.SECOND_COMMANDER_TOLERATED)
 
 
+def test_the_reminder_ends_a_minute_after_the_other_service() -> None:
+    order = Order(START_T_NS + 25 * NS_PER_S, "o1", "resume", None, None)
+    both = TwoServices("prescribed", 2, 20.0, [order])
+    both.end_t_ns = START_T_NS + 35 * NS_PER_S
+    both.run.run(120.0)
+    begun = {vehicle for _, vehicle in both.first.said(NoticeCode.SECOND_COMMANDER_TOLERATED)}
+    over = both.first.said(NoticeCode.SECOND_COMMANDER_GONE)
+    assert {vehicle for _, vehicle in over} == begun != set()
+    assert len(over) == len(begun)
+    assert all(80.0 < t_s < 110.0 for t_s, _ in over)
+
+
 class Delayed:
     """Datagrams of a link with loss, duplicates and delays."""
 
