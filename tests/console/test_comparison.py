@@ -35,6 +35,7 @@ from gcs.console.server import ConsoleServer
 from gcs.console.view.page_records import Figures
 from gcs.console.web.console_access import Access
 from gcs.io.recording.reader import read_info
+from gcs.model import Effect, Event
 from gcs.service.replay import Replay, Window
 
 RECORDINGS = Path(__file__).parents[1] / "recordings"
@@ -232,17 +233,28 @@ def test_a_flight_is_compared_with_its_replay_under_other_settings(tmp_path):
 def test_both_are_played_at_the_same_time_however_fast():
     replays, apart_s = replays_of(DEATH, RADARS), list[float]()
 
+    class Apart:
+        """Sink that notes at each event how far the times of the two recordings are apart."""
+
+        def event(self, _event: Event) -> None:
+            if not any(one.playback.has_ended for one in replays):
+                apart_s.append(abs(replays[0].playback.at_s - replays[1].playback.at_s))
+
+        def effect(self, t_ns: int, effect: Effect) -> None:
+            pass
+
     async def play() -> None:
         stop = asyncio.Event()
         runs = [asyncio.create_task(one.run(stop, math.inf)) for one in replays]
         while not all(one.playback.has_ended for one in replays):
-            if not any(one.playback.has_ended for one in replays):
-                apart_s.append(abs(replays[0].playback.at_s - replays[1].playback.at_s))
             await asyncio.sleep(0.01)
         stop.set()
         await asyncio.gather(*runs)
 
+    for one in replays:
+        one.sinks.append(Apart())
     asyncio.run(play())
+    assert len(apart_s) > 100
     assert max(apart_s) < 0.5
     assert [round(one.duration_s) for one in replays] == [30, 15]
 
