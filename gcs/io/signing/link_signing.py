@@ -81,7 +81,8 @@ class LinkSigning:
                 streams = self.gate.times_to_save(t_ns)
                 latest = max((self.gate.timestamp, *streams.values()))
                 self._writer.put(partial(self._save, latest + _SAVE_AHEAD_TICKS, streams, unix_ns()))
-            cause, self._saved = self._saved, None
+            cause = self._saved
+            self._saved = None
             if cause:
                 about = {"path": str(self._time.path), "cause": cause}
                 news.append((link, (NoticeCode.SIGNING_TIME_UNWRITTEN, about)))
