@@ -17,6 +17,10 @@ their waypoints straight.
 Other autopilots command the bearing of a point of the line as heading, with the error e in full. The
 simulated airframe of the paper does so with `HEADING_S`.
 
+To a circle farther than `_TRACKED_RADII`, autopilots that follow lines follow the line to its centre. From
+there L1 flies straight to the centre until the circle needs a harder turn: that of a damped oscillator in the
+distance from the circle, with the centripetal acceleration added (ArduPlane, `AP_L1_Control::update_loiter`).
+
 In wind the vehicle heads into it: the bearing error is that of the course over ground, and a line's reference
 point is farther off downwind. On a line the lateral acceleration of L1 turns the velocity over ground, so the
 heading turns faster downwind.
@@ -50,6 +54,11 @@ _L1_TURN = 0.59
 """1 / (4 damping^2), and a quarter of the turn rate lost by slip, as in recorded flights of ArduPlane."""
 _CATCHING = math.sqrt(0.5)
 """Sine of the greatest angle to a line."""
+_L1_DAMPING = 0.75
+_SLIP_SHARE = 0.75
+"""Share of the demanded turn rate that is left after slip, as in `_L1_TURN`."""
+_TRACKED_RADII = 3.0
+"""Distance from the centre of a circle beyond which the line to it is followed, in radii."""
 _CIRCLE_CAPTURE_S = 5.0
 """Time constant tau of the vector field."""
 
@@ -204,6 +213,33 @@ def _circle_error(x: float, y: float, course: float, speed: float, circle: Float
     return off, turning * max(0.0, math.cos(off))
 
 
+@inlined
+def _l1_circle_rate(
+    x: float,
+    y: float,
+    course: float,
+    ground: float,
+    speed: float,
+    circle: FloatArray,
+    l1_s: float,
+    loop_s: float,
+) -> float:
+    """Return the turn rate by which L1 flies to a circle and round it, clockwise."""
+    dx = x - circle[0]
+    dy = y - circle[1]
+    gap = max(math.hypot(dx, dy), 1e-6)
+    outwards = ground * (math.sin(course) * dx + math.cos(course) * dy) / gap
+    around = ground * (math.sin(course) * dy - math.cos(course) * dx) / gap
+    to_centre = min(max(math.atan2(around, -outwards), -0.5 * math.pi), 0.5 * math.pi)
+    straight = math.sin(to_centre) / loop_s * ground / speed
+    omega = 2.0 * _L1_DAMPING / l1_s
+    back = (gap - circle[2]) * omega * omega + outwards * 2.0 * _L1_DAMPING * omega
+    if outwards > 0.0 and around < 0.0:
+        back = max(back, 0.0)
+    circling = _SLIP_SHARE * (back + around * around / max(gap, 0.5 * circle[2])) / speed
+    return min(straight, circling) if gap > circle[2] else circling
+
+
 @kernel
 def simulate_states(
     blocked: BoolArray, frame: FloatArray, motion: FloatArray, points: FloatArray, radii: FloatArray,
@@ -266,12 +302,21 @@ def simulate_states(
         if is_windy and passed == radii.size and circle[2] < 0.0:  # it flies on elsewhere
             break
         if passed < radii.size or circle[2] >= 0.0:
-            if passed < radii.size:
-                bearing = math.atan2(points[passed, 0] - x, points[passed, 1] - y)
+            is_leg = passed < radii.size
+            if is_leg:
+                goal_x = points[passed, 0]
+                goal_y = points[passed, 1]
+            else:
+                goal_x = circle[0]
+                goal_y = circle[1]
+                if l1_s != 0.0 and math.hypot(goal_x - x, goal_y - y) > _TRACKED_RADII * circle[2]:
+                    is_leg = not _is_reached(x, y, from_x, from_y, goal_x, goal_y, 0.0)
+            if is_leg:
+                bearing = math.atan2(goal_x - x, goal_y - y)
                 loop_s = guidance_s
                 if l1_s != 0.0 and passed > 0:
                     ahead = max(l1_s * ground, -l1_s * speed, 1.0)
-                    bearing = _line_bearing(x, y, from_x, from_y, points[passed, 0], points[passed, 1], ahead)
+                    bearing = _line_bearing(x, y, from_x, from_y, goal_x, goal_y, ahead)
                 off = (bearing - course + math.pi) % (2.0 * math.pi) - math.pi
                 turning = 0.0
             else:
@@ -281,11 +326,13 @@ def simulate_states(
             max_error = max(max_error, abs(off))
             if l1_s >= 0.0:
                 off = min(max(off, -_MAX_BEARING_ERROR_RAD), _MAX_BEARING_ERROR_RAD)
-            if is_l1 and passed < radii.size:
+            if is_l1 and is_leg:
                 off = math.sin(min(max(off, -0.5 * math.pi), 0.5 * math.pi))
                 if is_windy:
                     off *= ground / speed
             wanted = off / loop_s + turning
+            if is_l1 and not is_leg:
+                wanted = _l1_circle_rate(x, y, course, ground, speed, circle, l1_s, guidance_s)
             wanted = min(max(wanted, -max_rate), max_rate)
             rate += (wanted - rate) * (1.0 - math.exp(-3.0 * step / lag_s))
         half = 0.5 * rate * step
