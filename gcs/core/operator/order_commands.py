@@ -152,7 +152,10 @@ class OrderCommands:
                 detail += "" if self._tasking.may_fly(vehicle) else f": {self._outlook(vehicle)}"
             elif action == "resume" and not self._state.tasking.stage(vehicle):
                 self._agents[vehicle].routes.drop_flown()  # the next plan has another
-                detail += "; it gets a new mission with the next plan"
+                is_lost = self._agents[vehicle].perception.status.status in ("down", "lost")
+                detail += (
+                    f"; {self._outlook(vehicle) if is_lost else 'it gets a new mission with the next plan'}"
+                )
             result: AnswerState = "done" if done else "failed"
             effects.append(self._operator.finish(command.order, t_ns, result, detail, vehicle))
         return effects

@@ -125,6 +125,8 @@ class Orders:
             detail += f"; {named(held_up)} when clear ({named([first])} {waits[first]})"
             detail += "; the same order again is carried out at once"
         detail += f"; {named(home)} in altitude layers" if home else ""
+        unheard = [v for v in begun if known[v].liveness != "alive"]
+        detail += f"; {named(unheard)} not heard at present" if unheard else ""
         if order.action == "return":
             returning = {
                 v

@@ -69,6 +69,16 @@ def test_return_brings_all_home_over_a_lossy_link_and_no_agent_is_tasked_again()
     assert not any(plan.changed for plan in flight.all(Plan) if plan.t_ns > START_T_NS + 30 * S)
 
 
+def test_an_order_to_a_lost_vehicle_says_that_it_is_not_heard_and_promises_no_mission() -> None:
+    flight = fly([order(30.0, "return"), order(60.0, "resume")], 90.0)
+    answers = [a for a in flight.all(OrderAnswer) if a.order_id == "resume-60.0"]
+    (accepted,) = [a for a in answers if a.state == "accepted"]
+    assert accepted.detail.endswith("agent 2 not heard at present")
+    (failed,) = [a for a in answers if a.state == "failed"]
+    assert failed.vehicle == 2
+    assert failed.detail == "no answer to 10 commands; is lost; it gets a mission when it is tracked again"
+
+
 def test_a_hold_in_the_middle_of_a_upload_leaves_no_inconsistent_mission_to_be_flown() -> None:
     first = fly([], 20.0, loss=0.4)
     (plan,) = first.all(Plan)[:1]
