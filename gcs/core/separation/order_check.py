@@ -10,15 +10,15 @@ from a vehicle that is nearer now.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping
+from dataclasses import replace
 from typing import Final
 
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.separation.aircraft import AirTraffic
+from gcs.core.separation.conflicts import CLEAR, GROWTH_M, Conflicts, nearest_of
 from gcs.core.separation.forward_flight import (
-    MAX_ROUND_S,
     Flight,
     FlightPaths,
     Goal,
@@ -33,18 +33,11 @@ from gcs.core.separation.predicted_flights import PredictedFlights
 from gcs.core.separation.zones_ahead import ZonesAhead
 from gcs.core.tasking.mission_builder import is_hold, route_heights_msl_m
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
-from gcs.model import FloatArray, Route, VehicleState, vehicle_name
+from gcs.model import FloatArray, Route, VehicleState
 from gcs.planning.route_progress import points_within
 
-_STEPS: Final = 50
-_MAX_STEP_S: Final = 1.0
-"""Vehicles that meet head on come nearer by twice their speed in a second."""
 _MIN_POINTS: Final = 8
 """Points of a new mission that count, or more if these are flown in less than `LOOK_AHEAD_S`."""
-_GROWTH_M: Final = 20.0
-"""Growth of the minimum distance up to the end of a simulation."""
-_CLEAR: Final = 1.5
-"""Nearness without a conflict: the minimum distance grows with the time ahead."""
 _OFF_BAND_M: Final = 5.0
 """Distance by which a hold may leave the flight band."""
 _LATE_OFF_BAND_M: Final = 10.0
@@ -67,17 +60,6 @@ _RELEASE_MARGIN: Final = 1.5
 """Multiple of the minimum distance at which a vehicle that held may fly on: in wind predictions are off."""
 
 
-@dataclass(frozen=True, slots=True, order=True)
-class _Conflict:
-    """Another vehicle that a flight comes too near to."""
-
-    nearness: float
-    """Distance by its minimum, or height by its minimum, whichever is greater; less than about 1."""
-    words: str
-    other: int
-    """That vehicle."""
-
-
 class OrderCheck:
     """Predicts what orders to vehicles in the air lead to."""
 
@@ -89,6 +71,7 @@ class OrderCheck:
         self._airframes = config.airframes_of_agents
         self._min_m = min_distance_m(config)
         self._min_height_m = PREDICTED_SHARE * layer_step_m(config)
+        self._conflicts = Conflicts(self._min_m, self._min_height_m, air_traffic.name)
         self._ground = GroundAhead(config)
         self._zones = ZonesAhead(zones, config.planning.clearance_m)
 
@@ -124,7 +107,9 @@ class OrderCheck:
 
     def _circle_problem(self, ordered: Flight, modes: Mapping[int, str], flights: PredictedFlights) -> str:
         """Return which circle at the end of a mission that of a return overlaps; empty if none."""
-        overlaps = [*self._overlapping(ordered, self._ends(ordered.vehicle, modes, flights), last=True)]
+        overlaps = [
+            *self._conflicts.overlapping(ordered, self._ends(ordered.vehicle, modes, flights), last=True)
+        ]
         return f"would {min(overlaps).words}" if overlaps else ""
 
     def _ends(self, vehicle: int, leaving: Collection[int], flights: PredictedFlights) -> list[Flight]:
@@ -153,7 +138,7 @@ class OrderCheck:
             return ""
         others = self._others(vehicle, flights)
         led = flights.of(vehicle, AUTO)
-        conflicts = [*self._met(led, others, is_return=False, margin=_RELEASE_MARGIN)]
+        conflicts = [*self._conflicts.met(led, others, is_return=False, margin=_RELEASE_MARGIN)]
         present = flights.of(vehicle)
         below_m, above_m = self._off_band_m(led, _CLIMB_LAG_S)
         present_below_m, present_above_m = self._off_band_m(present)
@@ -166,7 +151,7 @@ class OrderCheck:
         if zone := self._zones.first(led):
             return f"would fly into no-fly zone {zone}"
         held = self._nearness(present, others)
-        if not conflicts or _nearest(conflicts) - held > _WORSE:
+        if not conflicts or nearest_of(conflicts) - held > _WORSE:
             return ""
         return f"would {min(conflicts).words}"
 
@@ -231,7 +216,7 @@ class OrderCheck:
         uploading : mapping of int to Route
             Routes of missions that others are getting now; these count beside their present flights.
         """
-        within_m = _MISSION_MARGIN * self._min_m + 2.0 * _GROWTH_M
+        within_m = _MISSION_MARGIN * self._min_m + 2.0 * GROWTH_M
         flying = self.intents.flying_near(route.vehicle, LOOK_AHEAD_S, within_m, t_ns)
         near = {state.system_id: state for state in flying}
         state = near.pop(route.vehicle, None)
@@ -255,10 +240,10 @@ class OrderCheck:
         near = [one for one in others if self._is_near(present, one)]
         if not near:
             return ""
-        left = {one.other for one in self._met(present, near, is_return=False, from_s=_LATER_S)}
+        left = {one.other for one in self._conflicts.met(present, near, is_return=False, from_s=_LATER_S)}
         along = [
             one
-            for one in self._met(led, near, is_return=False, from_s=_LATER_S)
+            for one in self._conflicts.met(led, near, is_return=False, from_s=_LATER_S)
             if one.nearness < 1.0 and one.other not in left
         ]
         return f"would {min(along).words}" if along else ""
@@ -306,7 +291,7 @@ class OrderCheck:
         if max(self._departures_m(hold)) > _OFF_BAND_M or self._zones.hold_problem(hold, flights.of(vehicle)):
             return False
         others = self._others(vehicle, flights)
-        if any(self._overlapping(hold, others)):
+        if any(self._conflicts.overlapping(hold, others)):
             return False
         reach_m = self.intents.reach_m(state, LOOK_AHEAD_S) + _HOLD_MARGIN * self._min_m
         place_m = (state.east_m, state.north_m)
@@ -325,7 +310,9 @@ class OrderCheck:
         return [*flights.others(vehicle, {}), *self._air_traffic.flights(flights.t_ns)]
 
     def _nearness(self, own: Flight, others: list[Flight]) -> float:
-        return _nearest([*self._met(own, others, is_return=False), *self._overlapping(own, others)])
+        return nearest_of(
+            [*self._conflicts.met(own, others, is_return=False), *self._conflicts.overlapping(own, others)]
+        )
 
     def stacking_problem(
         self,
@@ -364,15 +351,15 @@ class OrderCheck:
         if not is_hold(route) and (problem := self._zones.circle_problem(own.goals[-1])):
             return problem
         ends = self._ends(route.vehicle, {*planned, *modes}, flights)
-        conflicts = [*self._overlapping(own, [*others, *ends], last=True)]
+        conflicts = [*self._conflicts.overlapping(own, [*others, *ends], last=True)]
         if not conflicts and not circles_only:
             present = flights.of(route.vehicle)
-            met = () if is_strict else self._met(present, others, True, _MISSION_MARGIN)
+            met = () if is_strict else self._conflicts.met(present, others, True, _MISSION_MARGIN)
             now = {one.other: one.nearness for one in met}
             conflicts = [
                 one
-                for one in self._met(own, others, True, _MISSION_MARGIN)
-                if one.nearness < now.get(one.other, _CLEAR) - _WORSE
+                for one in self._conflicts.met(own, others, True, _MISSION_MARGIN)
+                if one.nearness < now.get(one.other, CLEAR) - _WORSE
             ]
         return f"would {min(conflicts).words}" if conflicts else ""
 
@@ -412,79 +399,24 @@ class OrderCheck:
         """
         if not others:
             return ""
-        led = [*self._met(changed, others, is_return[0], margin)], [*self._overlapping(changed, others)]
+        led = (
+            [*self._conflicts.met(changed, others, is_return[0], margin)],
+            [*self._conflicts.overlapping(changed, others)],
+        )
         if not any(led):
             return ""
-        now = [*self._met(present, others, is_return[1], margin)], [*self._overlapping(present, others)]
-        meets, overlaps = (_nearest(one) - _nearest(other) for one, other in zip(led, now, strict=True))
+        now = (
+            [*self._conflicts.met(present, others, is_return[1], margin)],
+            [*self._conflicts.overlapping(present, others)],
+        )
+        meets, overlaps = (nearest_of(one) - nearest_of(other) for one, other in zip(led, now, strict=True))
         if meets < -_WORSE:
             return f"would {min(led[0]).words}"
         if is_return[0]:  # it stays there: to leave another vehicle is no reason to circle with a third
             before = {one.other: one.nearness for one in now[1]}
-            stays = [one for one in led[1] if one.nearness < before.get(one.other, _CLEAR) - _WORSE]
+            stays = [one for one in led[1] if one.nearness < before.get(one.other, CLEAR) - _WORSE]
             return f"would {min(stays).words}" if stays else ""
         return f"would {min(led[1]).words}" if overlaps < -_WORSE and meets < _WORSE else ""
-
-    def _met(
-        self,
-        own: Flight,
-        others: list[Flight],
-        is_return: bool,
-        margin: float = 1.0,
-        from_s: float = 0.0,
-    ) -> Iterator[_Conflict]:
-        """Yield the vehicles that a flight comes near to, from some time on."""
-        for_s = LOOK_AHEAD_S
-        if is_return:  # up to its place, and once round
-            for_s = min(for_s + own.round_s, MAX_ROUND_S)
-        step_s = min(max(for_s / _STEPS, 0.5), _MAX_STEP_S)
-        reach_m = own.reach_m(for_s) + margin * self._min_m + _GROWTH_M
-        place_m = (own.east_m, own.north_m)
-        near = [
-            one
-            for one in others
-            if math.dist(place_m, (one.east_m, one.north_m)) <= reach_m + one.reach_m(for_s)
-        ]
-        if not near:
-            return
-        paths = simulate_flights([own, *near], for_s, step_s).since(round(from_s / step_s))
-        for one in encounters(paths, margin * self._min_m, self._min_height_m, _GROWTH_M / for_s, step_s):
-            if own.vehicle in one.vehicles:
-                other = next(vehicle for vehicle in one.vehicles if vehicle != own.vehicle)
-                yield _Conflict(
-                    max(one.distance_m / self._min_m, one.height_m / self._min_height_m),
-                    f"come within {one.distance_m:.0f} m and {one.height_m:.0f} m in height of "
-                    f"{self._air_traffic.name(other)} in {one.after_s:.0f} s",
-                    other,
-                )
-
-    def _overlapping(self, own: Flight, others: list[Flight], *, last: bool = False) -> Iterator[_Conflict]:
-        """Yield the vehicles whose circles overlap the circle at the end of a flight.
-
-        These are circles that they fly now, or with `last` those at the ends of their flights.
-        """
-        circle = own.goals[-1]
-        for other in others if _is_endless(circle) else ():
-            if not last and other.goals[0].kind is not GoalKind.CIRCLE:
-                continue
-            is_circling = all(goal.kind is GoalKind.CIRCLE for goal in other.goals)  # a PX4 descends in it
-            theirs = other.goals[-1 if last or is_circling else 0]
-            if not _is_endless(theirs):
-                continue
-            height_m = abs(circle.height_m - theirs.height_m)
-            between_m = math.dist((circle.east_m, circle.north_m), (theirs.east_m, theirs.north_m))
-            radius_m = abs(circle.radius_m)
-            their_radius_m = abs(theirs.radius_m)
-            apart_m = max(
-                between_m - radius_m - their_radius_m, abs(radius_m - their_radius_m) - between_m, 0.0
-            )
-            if apart_m < self._min_m and height_m < self._min_height_m:
-                yield _Conflict(
-                    max(apart_m / self._min_m, height_m / self._min_height_m),
-                    f"circle within {apart_m:.0f} m and {height_m:.0f} m in height of the circle of agent "
-                    f"{vehicle_name(other.vehicle)}",
-                    other.vehicle,
-                )
 
 
 def _at_end(paths: FlightPaths, state: VehicleState, t_ns: int) -> VehicleState:
@@ -495,13 +427,3 @@ def _at_end(paths: FlightPaths, state: VehicleState, t_ns: int) -> VehicleState:
     return replace(
         state, t_ns=t_ns, east_m=east_m, north_m=north_m, alt_msl_m=height_m, course_rad=course_rad
     )
-
-
-def _nearest(conflicts: Sequence[_Conflict]) -> float:
-    """Return the least nearness; that of vehicles that are clear of each other if there is no conflict."""
-    return min((one.nearness for one in conflicts), default=_CLEAR)
-
-
-def _is_endless(goal: Goal) -> bool:
-    """Return True if a goal is a circle that a vehicle flies without end."""
-    return goal.kind is GoalKind.CIRCLE and math.isinf(goal.for_s)

@@ -9,8 +9,9 @@ from helpers.sky import FIELD, Sky, fly_on, give, place
 from helpers.staging import S
 
 from gcs.config.schema import TerrainTable
+from gcs.core.separation.conflicts import Conflict
 from gcs.core.separation.look_ahead import Encounter
-from gcs.core.separation.order_check import OrderCheck, _Conflict
+from gcs.core.separation.order_check import OrderCheck
 from gcs.core.separation.predicted_flights import PredictedFlights
 from gcs.core.separation.separation_state import Approach, Avoidance
 from gcs.core.separation.traffic_reports import FIRST_ADSB as AIRCRAFT
@@ -287,13 +288,13 @@ def test_a_vehicle_that_holds_flies_on_when_its_mission_leads_near_no_other():
     sky = Sky((500.0, 1500.0, 60.0)).fly(8.0)
     check = sky.run_.engine.stages.avoidances._order_check
     flights = check.predict(sky.run_.t_ns)
-    conflict = _Conflict(0.5, "come near agent 2", 2)
-    check._met = lambda own, others, is_return, margin: iter([conflict])
+    conflict = Conflict(0.5, "come near agent 2", 2)
+    check._conflicts.met = lambda own, others, is_return, margin: iter([conflict])
     check._nearness = lambda own, others: 0.5
     assert check.release_problem(1, flights) == "would come near agent 2"
     check._nearness = lambda own, others: 0.2  # to hold on is worse
     assert check.release_problem(1, flights) == ""
-    check._met = lambda own, others, is_return, margin: iter([])
+    check._conflicts.met = lambda own, others, is_return, margin: iter([])
     assert check.release_problem(1, flights) == ""
 
 

@@ -7,7 +7,7 @@ import pytest
 from helpers.sky import LANDING, Sky, fly_on, give, place, with_one_home
 
 from gcs.core.operator.waiting_orders import MAX_CHECKS
-from gcs.core.separation.order_check import _Conflict
+from gcs.core.separation.conflicts import Conflict
 from gcs.model import NoticeCode
 from sim_vehicles.autopilots.autopilot_traits import Mode
 
@@ -200,11 +200,11 @@ def test_a_px4_that_would_land_by_its_mission_through_a_held_vehicle_returns_by_
 def test_one_that_is_near_another_now_does_not_return_to_circle_with_a_third():
     """Flown with PX4: agent 3 left 4, which it was near, by RTL, and circled at home with agent 1."""
     check = Sky((500.0, 1500.0, 60.0)).run_.engine.stages.avoidances._order_check
-    check._met = lambda own, others, is_return, margin: iter(
-        [] if own == "RTL" else [_Conflict(0.1, "meet 4", 4)]
+    check._conflicts.met = lambda own, others, is_return, margin: iter(
+        [] if own == "RTL" else [Conflict(0.1, "meet 4", 4)]
     )
-    check._overlapping = lambda own, others: iter(
-        [_Conflict(0.0, "circle with 1", 1)] if own == "RTL" else []
+    check._conflicts.overlapping = lambda own, others: iter(
+        [Conflict(0.0, "circle with 1", 1)] if own == "RTL" else []
     )
     assert check._worse("RTL", "now", ["others"], (True, False)) == "would circle with 1"
     assert check._worse("RTL", "now", ["others"], (False, False)) == ""

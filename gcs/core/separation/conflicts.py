@@ -1,0 +1,119 @@
+"""Conflicts of a simulated flight: vehicles that it comes near to, and circles that overlap at its end."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from gcs.core.separation.forward_flight import MAX_ROUND_S, Flight, Goal, GoalKind, simulate_flights
+from gcs.core.separation.look_ahead import LOOK_AHEAD_S, encounters
+from gcs.model import vehicle_name
+
+_STEPS: Final = 50
+_MAX_STEP_S: Final = 1.0
+"""Vehicles that meet head on come nearer by twice their speed in a second."""
+GROWTH_M: Final = 20.0
+"""Growth of the minimum distance up to the end of a simulation."""
+CLEAR: Final = 1.5
+"""Nearness without a conflict: the minimum distance grows with the time ahead."""
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Conflict:
+    """Another vehicle that a flight comes too near to."""
+
+    nearness: float
+    """Distance by its minimum, or height by its minimum, whichever is greater; less than about 1."""
+    words: str
+    other: int
+    """That vehicle."""
+
+
+class Conflicts:
+    """Finds the conflicts of flights, by minimum distances between vehicles in metres.
+
+    Parameters
+    ----------
+    min_m, min_height_m : float
+        Minimum distance, and minimum difference in height of vehicles that are nearer than that.
+    name : callable
+        Returns the name of a vehicle or aircraft.
+    """
+
+    def __init__(self, min_m: float, min_height_m: float, name: Callable[[int], str]) -> None:
+        self._min_m = min_m
+        self._min_height_m = min_height_m
+        self._name = name
+
+    def met(
+        self,
+        own: Flight,
+        others: list[Flight],
+        is_return: bool,
+        margin: float = 1.0,
+        from_s: float = 0.0,
+    ) -> Iterator[Conflict]:
+        """Yield the vehicles that a flight comes near to, from some time on."""
+        for_s = LOOK_AHEAD_S
+        if is_return:  # up to its place, and once round
+            for_s = min(for_s + own.round_s, MAX_ROUND_S)
+        step_s = min(max(for_s / _STEPS, 0.5), _MAX_STEP_S)
+        reach_m = own.reach_m(for_s) + margin * self._min_m + GROWTH_M
+        place_m = (own.east_m, own.north_m)
+        near = [
+            one
+            for one in others
+            if math.dist(place_m, (one.east_m, one.north_m)) <= reach_m + one.reach_m(for_s)
+        ]
+        if not near:
+            return
+        paths = simulate_flights([own, *near], for_s, step_s).since(round(from_s / step_s))
+        for one in encounters(paths, margin * self._min_m, self._min_height_m, GROWTH_M / for_s, step_s):
+            if own.vehicle in one.vehicles:
+                other = next(vehicle for vehicle in one.vehicles if vehicle != own.vehicle)
+                yield Conflict(
+                    max(one.distance_m / self._min_m, one.height_m / self._min_height_m),
+                    f"come within {one.distance_m:.0f} m and {one.height_m:.0f} m in height of "
+                    f"{self._name(other)} in {one.after_s:.0f} s",
+                    other,
+                )
+
+    def overlapping(self, own: Flight, others: list[Flight], *, last: bool = False) -> Iterator[Conflict]:
+        """Yield the vehicles whose circles overlap the circle at the end of a flight.
+
+        These are circles that they fly now, or with `last` those at the ends of their flights.
+        """
+        circle = own.goals[-1]
+        for other in others if _is_endless(circle) else ():
+            if not last and other.goals[0].kind is not GoalKind.CIRCLE:
+                continue
+            is_circling = all(goal.kind is GoalKind.CIRCLE for goal in other.goals)  # a PX4 descends in it
+            theirs = other.goals[-1 if last or is_circling else 0]
+            if not _is_endless(theirs):
+                continue
+            height_m = abs(circle.height_m - theirs.height_m)
+            between_m = math.dist((circle.east_m, circle.north_m), (theirs.east_m, theirs.north_m))
+            radius_m = abs(circle.radius_m)
+            their_radius_m = abs(theirs.radius_m)
+            apart_m = max(
+                between_m - radius_m - their_radius_m, abs(radius_m - their_radius_m) - between_m, 0.0
+            )
+            if apart_m < self._min_m and height_m < self._min_height_m:
+                yield Conflict(
+                    max(apart_m / self._min_m, height_m / self._min_height_m),
+                    f"circle within {apart_m:.0f} m and {height_m:.0f} m in height of the circle of agent "
+                    f"{vehicle_name(other.vehicle)}",
+                    other.vehicle,
+                )
+
+
+def nearest_of(conflicts: Sequence[Conflict]) -> float:
+    """Return the least nearness; that of vehicles that are clear of each other if there is no conflict."""
+    return min((one.nearness for one in conflicts), default=CLEAR)
+
+
+def _is_endless(goal: Goal) -> bool:
+    """Return True if a goal is a circle that a vehicle flies without end."""
+    return goal.kind is GoalKind.CIRCLE and math.isinf(goal.for_s)
