@@ -131,9 +131,13 @@ class AltitudeLayers:
         met = set[int]().union(*(pair & ours for pair in pairs if len(pair & ours) == 1))
         return {vehicle for vehicle in met if self._is_apart_elsewhere(vehicle, flights)}
 
+    def conflicts(self, routes: Sequence[Route], inputs: PlanningInputs) -> tuple[Conflict, ...]:
+        """Return which vehicles come near each other on the rest of their routes, or on circles, as now."""
+        return self._conflicts(self.flights(routes, (), inputs))
+
     def first_met(self, routes: Sequence[Route], inputs: PlanningInputs) -> dict[int, float]:
         """Return when vehicles soon meet others at one height, in seconds, the first first."""
-        conflicts = self._conflicts(self.flights(routes, (), inputs))
+        conflicts = self.conflicts(routes, inputs)
         ours = {route.vehicle for route in routes}
         soon = sorted((one for one in conflicts if one.after_s <= _SOON_S), key=lambda one: -one.after_s)
         met = {v: one.after_s for one in soon for v in one.vehicles if v in ours}

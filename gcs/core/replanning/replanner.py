@@ -325,6 +325,11 @@ class Replanner:
         choose = partial(self._kept.choose, mission.agents, arriving, settled, occupied, inputs)
         result = self._note_made(plan_mission(mission, choose), inputs.t_ns)
         pairs = [conflict.vehicles for conflict in result.conflicts]  # distances would be news at every check
+        noted = {note.parameters["vehicles"] for note in state.noted if note.code is NoticeCode.NO_LAYER_LEFT}
+        if left := noted - set(pairs):  # the plan compares new routes with others only
+            pairs += [
+                one.vehicles for one in self.layers.conflicts(result.routes, inputs) if one.vehicles in left
+            ]
         near = [PlanNote(NoticeCode.NO_LAYER_LEFT, None, {"vehicles": pair}) for pair in pairs]
         kept = [
             note

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.hills import elevation_of, terrain_table
 from helpers.planning_desk import PERIOD_S, A, B, C, Desk, pair, replanner
 from helpers.staging import at, mission, track
 from hypothesis import given, settings
@@ -59,6 +60,25 @@ def test_a_warning_of_a_plan_ends_with_the_plan_in_which_it_no_longer_holds():
     desk.check(5.0)
     (end,) = desk.replanner.take_notes()
     assert end.at(at(5)).ended == (begin.key,)
+
+
+def test_a_warning_of_a_vehicle_that_circles_in_the_way_goes_on_while_the_route_is_kept(monkeypatch):
+    """Flown: "no longer come near" was told 20 s before separation was lost: another vehicle was led away."""
+    monkeypatch.setattr("gcs.planning.routes_over_terrain._MAX_DETOURS", 0)  # as in a narrow valley
+    agents = {1: (900.0, 200.0), 2: (100.0, 200.0), 3: (100.0, 1800.0)}
+    targets = {A: (1000.0, 200.0), B: (1800.0, 200.0), C: (1500.0, 1800.0)}
+    level = elevation_of(lambda east, north: 600.0 + 0.0 * (east + north), 2000.0)
+    desk = Desk(agents, targets, tables="[mission]\nlayers = 1\n" + terrain_table(level))
+    desk.check(0.0)
+    desk.arrive(1)
+    desk.targets[B] = (1800.0, 300.0)
+    assert desk.check(5.0).changed == (2,)
+    (noted,) = desk.state.noted
+    assert (noted.code, noted.parameters) == (NoticeCode.NO_LAYER_LEFT, {"vehicles": (1, 2)})
+    desk.replanner.take_notes()
+    desk.targets[C] = (600.0, 1500.0)
+    assert desk.check(10.0).changed == (3,)
+    assert desk.replanner.take_notes() == ()
 
 
 def test_a_warning_of_a_route_ends_alone():
