@@ -141,8 +141,8 @@ def fit_for_wind(
         if cost_m >= least_cost_m:
             continue
         other = shape(search, (0, 0), options=wide)
-        if other.route is None or other.is_short > best.is_short:
-            continue
+        if other.route is None or (other.is_short > best.is_short and best_m >= 0.0):
+            continue  # one that ends short of the target is better than one that hits an obstacle
         if not np.array_equal(other.route.points_m, aimed.points_m):
             clearance_m, cost_m = rated(other.route.points_m, other.route.length_m, least_cost_m)
         if cost_m < least_cost_m:

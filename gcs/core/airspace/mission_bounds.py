@@ -1,10 +1,11 @@
 """Bounds of a mission, checked before its upload: map, fence with ceilings, ground. With tolerances.
 
 Items are checked one by one, and so is what the vehicle will fly between them: climb, legs, turns, loiter
-circle and landing approach, forward-simulated from the items (`gcs.planning.forward_simulation`). What is
-flown must keep inside the fence. Where routes are planned with turns and a clearance, it must keep out of
-obstacles and no-fly zones as well. Over terrain it must keep half of the least height above the ground,
-except in take-off; in a landing half of its height above home, if that is less.
+circle and landing approach, forward-simulated from the items in the wind that the vehicle reports
+(`gcs.planning.forward_simulation`). What is flown must keep inside the fence. Where routes are planned with
+turns and a clearance, it must keep out of obstacles and no-fly zones as well. Over terrain it must keep half
+of the least height above the ground, except in take-off; in a landing half of its height above home, if that
+is less.
 
 The check is independent of planning, which also keeps routes inside. The vehicle of a refused mission keeps
 its onboard mission.
@@ -23,6 +24,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.config import Config
 from gcs.config.airframe import UNKNOWN_LOITER_RADIUS_M
 from gcs.core.airspace.no_fly_zones import NoFlyZones
+from gcs.core.separation.forward_flight import airspeed_m_s, plausible_wind_m_s
 from gcs.fence import Area, held_areas
 from gcs.mavlink.mission.items import Item
 from gcs.model import BoolArray, FloatArray, IntArray, VehicleState
@@ -94,6 +96,7 @@ class MissionBoundsCheck:
         upload_s: float,
         height_msl_m: float,
         home_msl_m: float,
+        reported_wind_m_s: Point | None = None,
     ) -> BoundsProblem | None:
         """Return the first part of a flight that is not clear of fence, obstacles and ground.
 
@@ -110,12 +113,17 @@ class MissionBoundsCheck:
             Time until it takes the mission up.
         height_msl_m, home_msl_m : float
             Heights of the vehicle and of its home above mean sea level.
+        reported_wind_m_s : tuple of float, optional
+            Velocity of the air that the vehicle reports, east and north.
         """
         if not items:
             return None
-        lag_s = self._airframes[vehicle].turn_lag_s
-        begin = simulate(NOWHERE, motion, upload_s, lag_s).motion_at(-1)
-        flown_m, parts = self._flight(items, vehicle, begin)
+        airframe = self._airframes[vehicle]
+        over_ground = motion.speed_m_s, motion.course_rad
+        wind_m_s = plausible_wind_m_s(reported_wind_m_s, *over_ground, airframe.speed_m_s)
+        begin = simulate(NOWHERE, motion, upload_s, airframe.turn_lag_s).motion_at(-1)
+        begin = replace(begin, speed_m_s=airspeed_m_s(*over_ground, wind_m_s))
+        flown_m, parts = self._flight(items, vehicle, begin, wind_m_s)
         points_m = np.vstack((begin.place_m, self._places_m(items)))
         heights_msl_m = _heights_msl_m(items, height_msl_m, home_msl_m)
         lowest_msl_m = lowest_heights_m(flown_m, parts, points_m, heights_msl_m)
@@ -149,8 +157,13 @@ class MissionBoundsCheck:
     def _places_m(self, items: Sequence[Item]) -> list[Point]:
         return [self._frame.to_local(item.x * 1e-7, item.y * 1e-7) for item in items]
 
-    def _flight(self, items: Sequence[Item], vehicle: int, motion: Motion) -> tuple[FloatArray, IntArray]:
-        """Return the simulated places of a flight (k, 2), and the item that it flies to at each."""
+    def _flight(
+        self, items: Sequence[Item], vehicle: int, motion: Motion, wind_m_s: Point
+    ) -> tuple[FloatArray, IntArray]:
+        """Return the simulated places of a flight (k, 2), and the item that it flies to at each.
+
+        The speed of `motion` is the airspeed.
+        """
         airframe = self._airframes[vehicle]
         places_m = self._places_m(items)
         first = int(items[0].command == dialect.MAV_CMD_NAV_TAKEOFF)
@@ -170,6 +183,7 @@ class MissionBoundsCheck:
             RemainingMission(tuple(places_m[first:end]), radii_m, circle=circle),
             airframe.turn_lag_s,
             airframe.turn_radius_m,
+            wind_m_s,
         )
         parts = first + flight.passed
         is_flown = parts < len(items)  # behind the landing nothing is flown

@@ -29,7 +29,7 @@ _PURPOSE = 0x6D6170
 _HALF_DIAGONAL = 0.7072
 """In cells."""
 _KEEP_CLEAR_M = 120.0
-"""Minimum distance of random obstacles from starts and birth components."""
+"""Minimum distance of random obstacles from starts and birth components, in still air."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +150,9 @@ def mission_map(config: Config, seed: int) -> ObstacleMap:
     kept_clear = [(agent.east_m, agent.north_m) for agent in config.agents]
     kept_clear += [(birth.east_m, birth.north_m) for birth in config.births]
     rng = np.random.default_rng([seed, _PURPOSE])
-    full = random_obstacles(full, area.random_threshold, rng, kept_clear, _KEEP_CLEAR_M)
+    airframe = config.airframe
+    downwind = 1.0 + airframe.wind_m_s / airframe.speed_m_s  # turns are wider there
+    full = random_obstacles(full, area.random_threshold, rng, kept_clear, downwind * _KEEP_CLEAR_M)
     return ObstacleMap(full, tuple(limited), config.layer_heights, config.elevation)
 
 

@@ -7,7 +7,8 @@ approach straight, or by a base leg as in a traffic pattern. The shortest path w
 clearance and whose forward simulation (`gcs.planning.forward_simulation`) is clear, from before the target to
 the middle of the approach, with the expected turn lag and with half of it.
 
-A vehicle always gets a return route. Without a clear one it gets the best there is, with a warning.
+A vehicle always gets a return route. Without a clear one it gets the best there is, with a warning: that with
+the fewest simulated flights that hit an obstacle.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import numpy as np
 from gcs.geo import bearing_rad, wrap_pi
 from gcs.model import APPROACH_M, FloatArray, LandingWait, read_only
 from gcs.planning.flight_variants import wind_margin_m, windy_flights
-from gcs.planning.forward_simulation import Motion, RemainingMission, simulate
+from gcs.planning.forward_simulation import Motion, RemainingMission, SimulatedFlight, simulate
 from gcs.planning.manoeuvres.loiter import path_length_m, places_around, split_before_end
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight, to_cells
@@ -119,8 +120,8 @@ class _Gate:
         return math.fsum(math.dist(a, b) for a, b in pairwise(self.points_m))
 
 
-_Graded: TypeAlias = tuple[int, FloatArray, _Gate]
-"""Grade of a path (`_CLEAR` ...), its points, and its gate."""
+_Graded: TypeAlias = tuple[float, FloatArray, _Gate]
+"""Grade of a path (`_CLEAR` ..., `_SHARP` with the share of its flights that hit), its points, its gate."""
 
 
 def plan_return_route(
@@ -222,7 +223,9 @@ class _Planner:
         if best is None:
             return None
         grade, points_m, gate = best
-        return ReturnRoute(read_only(points_m), False, _NO_APPROACH if gate.share < 0.0 else _NOTES[grade])
+        return ReturnRoute(
+            read_only(points_m), False, _NO_APPROACH if gate.share < 0.0 else _NOTES[int(grade)]
+        )
 
     def _best(
         self,
@@ -328,10 +331,11 @@ class _Planner:
                 return share
         return -1.0
 
-    def _grade(self, points_m: FloatArray, *, keeps_clearance: bool) -> int:
+    def _grade(self, points_m: FloatArray, *, keeps_clearance: bool) -> float:
         if self._is_flown_clear(points_m, MIN_CLEARANCE_SHARE * self._options.clearance_m):
             return _CLEAR if keeps_clearance else _NEAR
-        return _TOO_NEAR if self._is_flown_clear(points_m, 0.0) else _SHARP
+        are_clear = [flight.is_clear for flight in self._flights(points_m, 0.0)]
+        return _TOO_NEAR if all(are_clear) else _SHARP + are_clear.count(False) / (len(are_clear) + 1)
 
     def _is_sharp(self, points_m: FloatArray, joined: int) -> bool:
         """Return True if a path turns too sharply where it joins the straight legs of a landing."""
@@ -354,9 +358,13 @@ class _Planner:
         return bool(is_turn_safe(grid.blocked, free, *place, angle, *to_cells(grid, to_m), radius, -1))
 
     def _is_flown_clear(self, points_m: FloatArray, reach_m: float) -> bool:
-        """Return True if the simulated flight is clear up to the middle of the approach."""
+        """Return True if all simulated flights are clear up to the middle of the approach."""
         if self._options.shape != "flyable":
             return True
+        return all(flight.is_clear for flight in self._flights(points_m, reach_m))
+
+    def _flights(self, points_m: FloatArray, reach_m: float) -> Iterator[SimulatedFlight]:
+        """Yield the flights up to the middle of the approach, each to where it comes nearer than a reach."""
         landing = self._landing
         tail_m = self._tail_m
         passes_m = np.vstack((self._end_m, points_m))
@@ -371,17 +379,14 @@ class _Planner:
             self._available_clearance_m((east_m, north_m)), self._available_clearance_m(self._end_m)
         )
         reach_m = min(reach_m, available_m)
-        is_clear = all(
-            simulate(self._grid, motion, for_s, lag_s, reach_m, min_radius_m).is_clear
-            for lag_s, min_radius_m in (
-                (landing.turn_lag_s, landing.turns.radius_m),
-                (MIN_RADIUS_SHARE * landing.turn_lag_s, 0.0),
-            )
-        )
+        for lag_s, min_radius_m in (
+            (landing.turn_lag_s, landing.turns.radius_m),
+            (MIN_RADIUS_SHARE * landing.turn_lag_s, 0.0),
+        ):
+            yield simulate(self._grid, motion, for_s, lag_s, reach_m, min_radius_m)
         if reach_m > 0.0:
             reach_m = min(reach_m + wind_margin_m(landing.turns), available_m)
-        flights = windy_flights(self._grid, motion, for_s, landing.turns, landing.turn_lag_s, reach_m)
-        return is_clear and all(flight.is_clear for flight in flights)
+        yield from windy_flights(self._grid, motion, for_s, landing.turns, landing.turn_lag_s, reach_m)
 
     def _available_clearance_m(self, place_m: Point) -> float:
         """Return the distance from obstacles, at most the clearance."""

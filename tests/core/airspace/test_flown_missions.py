@@ -96,7 +96,8 @@ def problem(
     items = items[ARDUPLANE.home_items :]
     check = MissionBoundsCheck(config, zones)
     height_msl_m = 170.0 if takeoff is None else 70.0
-    found = check.flight_problem(items, 1, motion, 0.0, height_msl_m, HOME.alt_msl_m)
+    heights = height_msl_m, HOME.alt_msl_m
+    found = check.flight_problem(items, 1, motion, 0.0, *heights, more.get("wind_m_s"))
     return "" if found is None else found.text
 
 
@@ -122,6 +123,16 @@ def problem(
 )
 def test_the_last_check_sees_what_is_flown_between_the_items(what, expected):
     assert what.startswith(expected) if expected else what == ""
+
+
+@pytest.mark.parametrize("wind_m_s", [(8.0, 0.0), (0.0, 8.0), (-8.0, 0.0)])
+def test_a_turn_that_the_wind_takes_over_the_fence_is_not_uploaded(wind_m_s):
+    """The corner is 60 m from the fence, in the east."""
+    corner = (1340.0, 700.0), (1340.0, 900.0), (900.0, 900.0)
+    assert problem(*corner) == ""
+    found = problem(*corner, wind_m_s=wind_m_s)
+    assert found.startswith("its flight to point 2 of 4 leaves the fence") == (wind_m_s[0] > 0.0)
+    assert problem(*corner, wind_m_s=(90.0, 0.0)) == "", "no aeroplane flies in it: the report is wrong"
 
 
 LOW = VerticalLimits(None, 40.0)
