@@ -3,8 +3,9 @@
 The monitor finds the pair (`gcs.core.separation.monitor`). A vehicle may hold while it flies its mission for
 this service, or has arrived and circles at its target: not in a take-off or a landing, and never against a
 pilot, a failsafe, an order or another station. Both choices are simulated, and compared with flying on. The
-hold that keeps its vehicle farthest from all others begins, if it is an improvement; of two that are equal,
-that of the vehicle with more to fly.
+hold that keeps its vehicle farthest from all others begins, if it is an improvement. Of two that keep clear
+of all, that is the one which leads its vehicle farther from the other one; else that of the vehicle with more
+to fly.
 Over terrain no vehicle holds where that would lead it out of the flight band; shortly before a loss of
 separation the hold may be above the band, or a little below it.
 
@@ -152,7 +153,8 @@ class Avoidances:
         inside = [v for v in gains if self._order_check.circles_in_band(v, flights, is_late=is_late)]
         if not inside:
             return []
-        vehicle = max(inside, key=lambda v: (gains[v], self._left_m(v), v))
+        apart_m = {v: round(self._order_check.held_apart_m(v, encounter.vehicles, flights), -1) for v in inside}
+        vehicle = max(inside, key=lambda v: (gains[v], apart_m[v], self._left_m(v), v))
         (number,) = (v for v in encounter.vehicles if v != vehicle)
         other = self._air_traffic.name(number)
         avoidance = self._agents[vehicle].separation.avoidance = Avoidance(other, t_ns)

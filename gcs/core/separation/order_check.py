@@ -14,6 +14,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.separation.aircraft import AirTraffic
@@ -275,6 +277,18 @@ class OrderCheck:
             return -math.inf
         others = self._others(vehicle, flights)
         return self._nearness(held, others) - self._nearness(present, others)
+
+    def held_apart_m(self, vehicle: int, pair: Collection[int], flights: PredictedFlights) -> float:
+        """Return how far a vehicle of a pair stays from the other one if it holds now, and that flies on.
+
+        Infinite if the other one is no vehicle of this mission.
+        """
+        (other,) = (v for v in pair if v != vehicle)
+        if other not in flights.states:
+            return math.inf
+        led = [flights.of(vehicle, LOITER), flights.of(other)]
+        paths = simulate_flights(led, LOOK_AHEAD_S)
+        return float(np.hypot(np.diff(paths.east_m), np.diff(paths.north_m)).min())
 
     def holds_clear(self, vehicle: int, flights: PredictedFlights, after_s: float = 0.0) -> bool:
         """Return True if a hold that begins after some time is in the flight band and clear of all others."""

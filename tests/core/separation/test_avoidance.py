@@ -10,7 +10,7 @@ from helpers.staging import S
 
 from gcs.config.schema import TerrainTable
 from gcs.core.separation.conflicts import Conflict
-from gcs.core.separation.look_ahead import Encounter
+from gcs.core.separation.look_ahead import LOOK_AHEAD_S, Encounter
 from gcs.core.separation.order_check import OrderCheck
 from gcs.core.separation.predicted_flights import PredictedFlights
 from gcs.core.separation.separation_state import Approach, Avoidance
@@ -310,6 +310,29 @@ def test_one_of_a_pair_may_hold_although_the_other_one_holds_for_a_third(holds_f
     flights = avoidances._order_check.predict(sky.run_.t_ns)
     encounter = Encounter((1, 2), 9.0, 10.0, 0.0, (1500.0, 1500.0, 130.0))
     assert bool(avoidances.hold(encounter, flights)) is is_held
+
+
+@pytest.mark.parametrize("away", [1, 2])
+def test_of_two_that_would_be_clear_the_one_holds_whose_circle_is_farther_off(away, monkeypatch):
+    """One was led to 49 m from the other, which could have kept 150 m."""
+    sky = crossing()
+    avoidances = sky.run_.engine.stages.avoidances
+    monkeypatch.setattr(OrderCheck, "hold_gain", lambda *_: 0.5)
+    monkeypatch.setattr(OrderCheck, "held_apart_m", lambda _, v, *__: 150.0 if v == away else 69.0)
+    flights = avoidances._order_check.predict(sky.run_.t_ns)
+    notice, *_ = avoidances.hold(Encounter((1, 2), 9.0, 10.0, 0.0, (1500.0, 1500.0, 130.0)), flights)
+    assert notice.vehicle == away
+
+
+@pytest.mark.parametrize("held", [1, 2])
+def test_a_vehicle_that_holds_stays_as_far_from_the_other_as_predicted(held):
+    sky = crossing(WARNING)
+    fly_on(sky, 25.0)
+    check = sky.run_.engine.stages.avoidances._order_check
+    predicted_m = check.held_apart_m(held, (1, 2), check.predict(sky.run_.t_ns))
+    sky.planes[held].autopilot.set_mode(Mode.LOITER)
+    flown_m = [apart_m(fly_on(sky, 1.1)) for _ in range(round(LOOK_AHEAD_S))]
+    assert min(flown_m) == pytest.approx(predicted_m, abs=40.0)
 
 
 def test_one_of_two_whose_new_missions_wait_for_traffic_holds_at_last(monkeypatch):
