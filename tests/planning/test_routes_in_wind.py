@@ -1,6 +1,7 @@
 """A vehicle would be led into an obstacle in wind, where another route keeps out of it in all winds."""
 
 import numpy as np
+from helpers.flown_clearance import in_wind, landing
 
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.replanning.plan_targets import vehicle_options
@@ -11,7 +12,6 @@ from gcs.planning.manoeuvres.landing import plan_return_route
 from gcs.planning.planner_inputs import AgentState, TargetDemand
 from gcs.planning.routes_in_wind import clearance_in_wind_m
 from gcs.planning.team_routes import plan_routes
-from helpers.flown_clearance import in_wind, landing
 from sim_vehicles.world.scenario import WindTable, load
 
 SPEED_M_S = 15.0

@@ -6,7 +6,6 @@ A return route is planned once for each route, to the home that the vehicle repo
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -89,9 +88,9 @@ class ReturnRoutes:
         if route.heights_msl_m is not None:
             return self._over_terrain(route, LandingSite(home_m, APPROACH_ALT_M, grid), t_ns)
         planned = plan_return_route(grid, start, points_m, home_m, options, landing)
+        planned, too_soon = self._landing_order.wait(route, planned, self._zones.grid, t_ns)
         routes.return_m = np.vstack((points_m[-1:], planned.points_m))
-        wait, too_soon = self._landing_order.wait(route, routes.return_m, self._zones.grid, t_ns)
-        return self._noted(replace(planned, wait=wait), vehicle, planned.problem or too_soon, t_ns)
+        return self._noted(planned, vehicle, planned.problem or too_soon, t_ns)
 
     def _over_terrain(
         self, route: Route, site: LandingSite, t_ns: int
@@ -112,12 +111,11 @@ class ReturnRoutes:
         )
         if planned is None:
             return self._noted(None, vehicle, NO_APPROACH, t_ns)
-        routes.return_m = np.vstack((route.points_m[-1:], planned.points_m))
-        wait, too_soon = self._landing_order.wait(route, routes.return_m, self._zones.grid, t_ns)
-        if wait is not None:
+        planned, too_soon = self._landing_order.wait(route, planned, self._zones.grid, t_ns)
+        if planned.wait is not None:
             planned = planned.without_arc()
-            routes.return_m = np.vstack((route.points_m[-1:], planned.points_m))
-        return self._noted(replace(planned, wait=wait), vehicle, too_soon, t_ns)
+        routes.return_m = np.vstack((route.points_m[-1:], planned.points_m))
+        return self._noted(planned, vehicle, too_soon, t_ns)
 
     def _noted(
         self, planned: ReturnRoute | None, vehicle: int, problem: str, t_ns: int

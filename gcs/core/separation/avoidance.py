@@ -153,7 +153,9 @@ class Avoidances:
         inside = [v for v in gains if self._order_check.circles_in_band(v, flights, is_late=is_late)]
         if not inside:
             return []
-        apart_m = {v: round(self._order_check.held_apart_m(v, encounter.vehicles, flights), -1) for v in inside}
+        apart_m = {
+            v: round(self._order_check.held_apart_m(v, encounter.vehicles, flights), -1) for v in inside
+        }
         vehicle = max(inside, key=lambda v: (gains[v], apart_m[v], self._left_m(v), v))
         (number,) = (v for v in encounter.vehicles if v != vehicle)
         other = self._air_traffic.name(number)

@@ -6,6 +6,8 @@ time that is computed when the mission is made (NAV_LOITER_TIME). Each landing h
 descent and the approach take, and a margin for a turn more on the circle and for wind. The slots of others
 follow from what is left of their onboard missions.
 
+The circle is at a corner of the return route, or on a leg of it.
+
 A descent crosses the layers below its own. So a vehicle lands after those that circle below its descent
 until they land, and waits beside the descents of those that land before it.
 """
@@ -14,7 +16,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Final
+from dataclasses import replace
+from itertools import islice, pairwise
+from typing import Final, TypeAlias
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -29,9 +33,10 @@ from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.mission.item_builder import DESCENT_SLOPE
 from gcs.mavlink.services.retry import ns
-from gcs.model import APPROACH_M, NS_PER_S, FloatArray, LandingWait, Route, vehicle_name
+from gcs.model import APPROACH_M, NS_PER_S, FloatArray, LandingWait, Route, read_only, vehicle_name
 from gcs.planning.flight_variants import wind_margin_m, windy_flights
 from gcs.planning.forward_simulation import Motion, RemainingMission
+from gcs.planning.manoeuvres.landing import ReturnRoute
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
 
@@ -47,6 +52,12 @@ _EXITS: Final = 8
 """Places on a circle from where a vehicle may leave it."""
 _CIRCLE_RADIUS_M: Final = 80.0
 """Radius of a circle that the autopilot sets."""
+_PLACE_STEP_M: Final = 50.0
+"""Distance of places on a leg at which a vehicle may wait."""
+_MAX_PLACES: Final = 3
+"""Number of clear places on legs of which one beside the descents of others is chosen."""
+_WaitingPlace: TypeAlias = tuple[int, FloatArray]
+"""Corner of a return route where a vehicle may wait, as in `LandingWait`, and the route from its end on."""
 
 
 class LandingOrder:
@@ -59,17 +70,13 @@ class LandingOrder:
         self._frame = config.local_frame
         self._airframes = config.airframes_of_agents
 
-    def wait(
-        self, route: Route, return_m: FloatArray, grid: Grid, t_ns: int
-    ) -> tuple[LandingWait | None, str]:
-        """Return the wait before a landing, and a warning if there is no place to wait; reserve the slot.
+    def wait(self, route: Route, planned: ReturnRoute, grid: Grid, t_ns: int) -> tuple[ReturnRoute, str]:
+        """Return a return route with the wait before its landing, and a warning if there is no place to wait.
 
-        Parameters
-        ----------
-        return_m : ndarray, shape (k, 2)
-            Return route from the end of the route to the landing point.
+        The place may be one more point of the route. The slot of the landing is reserved.
         """
         vehicle = route.vehicle
+        return_m = np.vstack((route.points_m[-1:], planned.points_m))
         speed_m_s = self._airframes[vehicle].speed_m_s
         flown_s = self._flown_s(route, return_m)
         climb_s = 0.0
@@ -93,20 +100,27 @@ class LandingOrder:
         separation.landing_wait_m = None
         wait_s = (lands_ns - earliest_ns) / NS_PER_S
         if wait_s <= 0.0:
-            return None, ""
-        above_m = self._descents_above(route, [v for v, taken_ns in others.items() if taken_ns < lands_ns])
+            return planned, ""
+        seconds = round(max(wait_s, _MIN_WAIT_S))
         if route.heights_msl_m is not None and route.wait_m is not None:
             separation.landing_wait_m = route.wait_m  # the circle there is clear of the ground
-            return LandingWait(-1, round(max(wait_s, _MIN_WAIT_S))), ""
-        corner = self._corner(vehicle, return_m, grid, above_m)
-        if corner is None:
+            return replace(planned, wait=LandingWait(-1, seconds)), ""
+        above_m = self._descents_above(route, [v for v, taken_ns in others.items() if taken_ns < lands_ns])
+        place = self._corner(vehicle, return_m, grid, above_m)
+        if place is None and route.heights_msl_m is None:
+            place = self._place_on_leg(route, return_m, grid, above_m)
+        if place is None:
             separation.landing_t_ns = earliest_ns
-            return None, (
+            return planned, (
                 f"its landing comes too near to that of agent {vehicle_name(before)} in time, and there is "
                 "no clear circle to wait on: hold one until the other is down"
             )
+        corner, return_m = place
         separation.landing_wait_m = (float(return_m[corner + 1, 0]), float(return_m[corner + 1, 1]))
-        return LandingWait(corner, round(max(wait_s, _MIN_WAIT_S))), ""
+        wait = LandingWait(corner, seconds)
+        if len(return_m) == len(planned.points_m) + 1:
+            return replace(planned, wait=wait), ""
+        return replace(planned, points_m=read_only(return_m[1:]), is_straight=False, wait=wait), ""
 
     def claim(self, vehicle: int, t_ns: int) -> bool:
         """Give a held vehicle the landing time of its onboard mission, flown from now on.
@@ -186,27 +200,57 @@ class LandingOrder:
 
     def _corner(
         self, vehicle: int, return_m: FloatArray, grid: Grid, above_m: Sequence[FloatArray]
-    ) -> int | None:
-        """Return the first point with a clear circle: -1 for the end of the route, or a corner behind it.
+    ) -> _WaitingPlace | None:
+        """Return the first point with a clear circle: the end of the route, or a corner behind it.
 
         One beside the descents of others is preferred.
         """
+        clear = [
+            (corner, return_m)
+            for corner in range(-1, len(return_m) - 3)
+            if self._is_place_clear(vehicle, return_m, corner, grid)
+        ]
+        return self._beside(vehicle, clear, above_m)
+
+    def _place_on_leg(
+        self, route: Route, return_m: FloatArray, grid: Grid, above_m: Sequence[FloatArray]
+    ) -> _WaitingPlace | None:
+        """Return a place with a clear circle between two points of a return route, before the descent."""
+        places = [
+            (corner, np.insert(return_m, corner + 1, place_m, axis=0))
+            for corner, place_m in _places_on_legs(return_m, self._zone_m(route.layer))
+        ]
+        clear = (
+            (corner, with_place_m)
+            for corner, with_place_m in places
+            if self._is_place_clear(route.vehicle, with_place_m, corner, grid)
+        )
+        return self._beside(route.vehicle, list(islice(clear, _MAX_PLACES)), above_m)
+
+    def _is_place_clear(self, vehicle: int, return_m: FloatArray, corner: int, grid: Grid) -> bool:
+        """Return True if a vehicle can circle at a point of its return route, and leave it at any time."""
         airframe = self._airframes[vehicle]
         room_m = (airframe.loiter_radius_m or _CIRCLE_RADIUS_M) + _CIRCLE_MARGIN_M
         if airframe.wind_m_s > 0.0:
             room_m = max(room_m, airframe.circle_radius_m + _DRIFT_S * airframe.wind_m_s)
-        clear = [
-            (corner, place_m)
-            for corner, place_m in enumerate(map(tuple, return_m[:-2].tolist()), start=-1)
-            if _is_clear(grid, place_m, room_m)
-            and (airframe.wind_m_s == 0.0 or _is_left_clear(grid, airframe, return_m[corner + 1 : -1][:3]))
-        ]
-        beside = [
-            corner
-            for corner, place_m in clear
-            if not any(self._is_below(vehicle, place_m, descent_m) for descent_m in above_m)
-        ]
-        return next(iter(beside or [corner for corner, _ in clear]), None)
+        east_m, north_m = return_m[corner + 1].tolist()
+        return _is_clear(grid, (east_m, north_m), room_m) and (
+            airframe.wind_m_s == 0.0 or _is_left_clear(grid, airframe, return_m[corner + 1 : -1][:3])
+        )
+
+    def _beside(
+        self, vehicle: int, clear: Sequence[_WaitingPlace], above_m: Sequence[FloatArray]
+    ) -> _WaitingPlace | None:
+        """Return the first place that is beside the descents of others, else the first; None without one."""
+        beside = (
+            (corner, return_m)
+            for corner, return_m in clear
+            if not any(
+                self._is_below(vehicle, tuple(return_m[corner + 1].tolist()), descent_m)
+                for descent_m in above_m
+            )
+        )
+        return next(beside, next(iter(clear), None))
 
     def _landings(self, vehicle: int, place_m: Point, t_ns: int) -> Iterator[tuple[int, int]]:
         """Yield the other vehicles that will land in the same field, and when."""
@@ -284,6 +328,23 @@ class LandingOrder:
             left_s += item.param1 if item.command == dialect.MAV_CMD_NAV_LOITER_TIME else 0.0
             place_m = there_m
         return left_s
+
+
+def _places_on_legs(return_m: FloatArray, before_end_m: float) -> Iterator[tuple[int, Point]]:
+    """Yield the points before places on the legs of a return route, and the places, up to its last part."""
+    left_m = _length_m(return_m)
+    for corner, (begin_m, end_m) in enumerate(pairwise(return_m.tolist())):
+        leg_m = math.dist(begin_m, end_m)
+        for k in range(1, math.ceil(leg_m / _PLACE_STEP_M)):
+            along_m = k * _PLACE_STEP_M
+            if left_m - along_m < before_end_m:
+                return
+            share = along_m / leg_m
+            yield (
+                corner,
+                (begin_m[0] + share * (end_m[0] - begin_m[0]), begin_m[1] + share * (end_m[1] - begin_m[1])),
+            )
+        left_m -= leg_m
 
 
 def _length_m(points_m: FloatArray) -> float:

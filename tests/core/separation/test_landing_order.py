@@ -56,9 +56,9 @@ def test_a_wait_needs_more_room_in_wind():
     grid = free_grid((200, 100), 20.0, (-1000.0, -1000.0)).with_obstacles(
         discs_m=[(0.0, room_m + 20.0, 20.0)]
     )
-    assert LandingOrder(config, None, {})._corner(1, return_m, grid, []) == -1
+    assert LandingOrder(config, None, {})._corner(1, return_m, grid, [])[0] == -1
     config = msgspec.structs.replace(config, airframe=airframe)
-    assert LandingOrder(config, None, {})._corner(1, return_m, grid, []) == 0
+    assert LandingOrder(config, None, {})._corner(1, return_m, grid, [])[0] == 0
 
 
 @pytest.mark.parametrize(("wind_m_s", "is_later"), [((0.0, -8.0), True), ((0.0, 0.0), False), (None, False)])
