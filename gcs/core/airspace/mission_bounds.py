@@ -25,6 +25,7 @@ from gcs.config import Config
 from gcs.config.airframe import UNKNOWN_LOITER_RADIUS_M
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.separation.forward_flight import airspeed_m_s, plausible_wind_m_s
+from gcs.core.tasking.mission_builder import corners_of
 from gcs.fence import Area, held_areas
 from gcs.mavlink.mission.items import Item
 from gcs.model import BoolArray, FloatArray, IntArray, VehicleState
@@ -33,6 +34,7 @@ from gcs.planning.forward_simulation import LoiterCircle, Motion, RemainingMissi
 from gcs.planning.map.grid import Grid, Point, free_grid_like
 from gcs.planning.map.limited_area import blocked_by
 from gcs.planning.mission_flight import NOWHERE, simulate_mission
+from gcs.planning.terrain.flown_route import FlightModel
 from gcs.planning.terrain.ground import keeps_above_landing
 
 _ROUNDING_M: Final = 1.0
@@ -177,12 +179,13 @@ class MissionBoundsCheck:
             end = len(items) - 1
             circle = LoiterCircle(places_m[-1], radius_m)
         radii_m = tuple(item.param2 for item in items[first:end])
+        model = FlightModel(airframe.speed_m_s, airframe.turn_lag_s, corners_of(airframe), wind_m_s)
         flight = simulate_mission(
             motion,
             places_m[0] if first else None,
             RemainingMission(tuple(places_m[first:end]), radii_m, circle=circle),
-            airframe.turn_lag_s,
-            airframe.turn_radius_m,
+            model.turn_lag_s,
+            model.turn_radius_m,
             wind_m_s,
         )
         parts = first + flight.passed
