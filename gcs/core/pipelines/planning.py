@@ -77,6 +77,10 @@ def renew_outdated(stages: Stages, t_ns: int) -> list[Effect]:
             stages.tasking.renew_queued(vehicle, queued.route, queued.return_route, t_ns)
             continue
         (route,) = (route for route in made.routes if route.vehicle == vehicle)
+        if vehicle not in made.changed:  # it keeps its onboard mission
+            stages.state.tasking.queue.pop(vehicle)
+            effects += [made, *stages.approval.end(vehicle, t_ns, "not wanted any more")]
+            continue
         return_route, warnings = stages.return_routes.plan(route, t_ns)
         stages.tasking.renew_queued(vehicle, route, return_route, t_ns)
         effects += [made, *warnings]

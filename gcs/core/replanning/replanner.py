@@ -179,6 +179,8 @@ class Replanner:
         if not why or (urgent_only and not any(reason.cause in reasons.URGENT for reason in why)):
             return None
         plan = self._plan(inputs, why)
+        if regular and (apart := self._lead_apart(inputs)) is not None:
+            return _joined(plan, apart)
         # A plan that improves nothing is no news: a target over an obstacle "moves" at every check, and an
         # agent with no path to any target wants a route at every check.
         return plan if changes or plan.changed else None
@@ -208,14 +210,26 @@ class Replanner:
     def renew_flown(self, vehicle: int, inputs: PlanningInputs) -> Plan | None:
         """Plan the route of a vehicle whose upload waited again from where it is now, to the same target.
 
-        Return None if there is no such route.
+        Where that would lead below the flight band, a vehicle keeps the route of its onboard mission, if that
+        has the same target. Return None if there is no such route.
         """
         routes = self._agents[vehicle].routes
         renewed = {} if routes.flown is None else self._renewed({vehicle: routes.flown.target}, inputs)
         if vehicle not in renewed:
             return None
+        route = renewed[vehicle]
+        tasking = self._agents[vehicle].tasking
+        onboard = tasking.onboard.route if tasking.onboard is not None and tasking.is_selected else None
+        leads_there = onboard is not None and onboard.target == route.target and not routes.is_blocked
+        if onboard is not None and leads_there and self._kept.is_low(route):
+            routes.flown = onboard
+            routes.latest = onboard
+            why = reasons.of_agent(
+                "upload waited", vehicle, "keeps its mission: a new one would now be too low"
+            )
+            return self._flown_plan(inputs.t_ns, inputs.picture_t_ns, why)
         why = reasons.of_agent("upload waited", vehicle, "gets its mission later than planned")
-        return self._fly_instead(renewed[vehicle], why, inputs)
+        return self._fly_instead(route, why, inputs)
 
     def _fly_instead(self, route: Route, why: Reason, inputs: PlanningInputs) -> Plan:
         """Make a route, planned on the present map, the flown one of its vehicle; return the plan of all."""
@@ -379,3 +393,13 @@ class Replanner:
                 routes.declined = None
             if routes.flown is None or routes.flown.target not in inputs.targets:
                 routes.drop_flown()
+
+
+def _joined(plan: Plan, later: Plan) -> Plan:
+    """Return two plans of one time as one; `later` has the routes of both."""
+    return replace(
+        later,
+        reason="; ".join((plan.reason, later.reason)),
+        changed=tuple(dict.fromkeys((*plan.changed, *later.changed))),
+        causes=tuple(dict.fromkeys((*plan.causes, *later.causes))),
+    )

@@ -8,6 +8,8 @@ from helpers.hills import elevation_of, terrain_table
 from helpers.noticed import noticed
 from helpers.staging import S
 
+from gcs.core.replanning.reasons import of_agent
+from gcs.core.replanning.triggers import Triggers
 from gcs.model import NoticeCode, Order, Plan, Route, read_only
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import parse_scenario
@@ -75,8 +77,15 @@ def label_at(run, east_m, north_m):
     return min(tracks, key=lambda label: math.dist(tracks[label].mean[:2], (east_m, north_m)))
 
 
-def test_one_of_two_that_will_meet_over_terrain_is_led_to_another_height_before():
-    """Before, each kept its route up to the last seconds, and one had to hold."""
+@pytest.mark.parametrize("plans_always", [False, True])
+def test_one_of_two_that_will_meet_over_terrain_is_led_to_another_height_before(plans_always, monkeypatch):
+    """Before, each kept its route up to the last seconds, and one had to hold.
+
+    So it was later where another vehicle wanted a new route at every check.
+    """
+    if plans_always:
+        why = [of_agent("agent in danger", 2, "would hit an obstacle")]
+        monkeypatch.setattr(Triggers, "improvements", lambda *_, **__: why)
     effects = []
     run = VirtualRun(parse_scenario(TEXT, "field"), 1, on_effect=lambda _t_ns, effect: effects.append(effect))
     one, other = (run.vehicles[f"vehicle:{number}"] for number in (1, 3))

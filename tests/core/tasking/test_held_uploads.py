@@ -1,10 +1,14 @@
 """A vehicle would turn back to where it was when its mission was planned, not when it got it."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 from helpers.areas import ALABAMA
 from helpers.runway import Field
 from helpers.staging import S
 
+from gcs.core.replanning.kept_routes import KeptRoutes
 from gcs.mavlink.frames.codec import decode
 from gcs.model import NoticeCode, Order, Plan, Send
 from sim_vehicles.campaign.virtual_run import LINK, START_T_NS, VirtualRun
@@ -76,6 +80,33 @@ def test_a_route_that_waited_starts_where_the_vehicle_is_when_its_upload_begins(
     assert mission.route.is_same(run.engine.state.agents[1].routes.flown)
     last = [effect for effect in effects if isinstance(effect, Plan)][-1]
     assert (last.causes, last.changed) == (("upload waited",), (1,))
+
+
+@pytest.mark.parametrize("is_low", [True, False])
+def test_a_vehicle_whose_late_mission_would_be_too_low_keeps_the_one_that_it_has(is_low, monkeypatch):
+    """One flew 25 m above the ground: it had got its mission 5 s late, beyond the place to climb."""
+    plans = []
+    run = VirtualRun(
+        parse_scenario(TWO_TARGETS, "held.toml"),
+        1,
+        on_effect=lambda _, effect: plans.append(effect) if isinstance(effect, Plan) else None,
+    )
+    run.run(20.0)
+    agent = run.engine.state.agents[1]
+    onboard = agent.tasking.onboard
+    bend_m = agent.routes.flown.points_m[-1:] - [[200.0, 100.0]]
+    agent.routes.flown = replace(
+        onboard.route, points_m=np.vstack((bend_m, onboard.route.points_m[-1:])), wait_m=onboard.route.wait_m
+    )
+    hold_by_pause(run.engine, 30)
+    run.engine.stages.tasking.enqueue_upload(agent.routes.flown, run.t_ns)
+    monkeypatch.setattr(KeptRoutes, "is_low", lambda *_: is_low)
+    run.run(32.0)
+    (last,) = [plan for plan in plans if "upload waited" in plan.causes]
+    assert last.changed == (() if is_low else (1,))
+    assert (agent.tasking.onboard is onboard) == is_low
+    assert agent.routes.flown.is_same(agent.tasking.onboard.route)
+    assert run.engine.state.tasking.stage(1) == ""
 
 
 def test_a_take_off_that_waited_is_planned_again_when_its_turn_comes():
