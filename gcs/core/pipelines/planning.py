@@ -78,7 +78,7 @@ def renew_outdated(stages: Stages, t_ns: int) -> list[Effect]:
             continue
         (route,) = (route for route in made.routes if route.vehicle == vehicle)
         if vehicle not in made.changed:  # it keeps its onboard mission
-            stages.state.tasking.queue.pop(vehicle)
+            stages.tasking.withdraw(vehicle)
             effects += [made, *stages.approval.end(vehicle, t_ns, "not wanted any more")]
             continue
         return_route, warnings = stages.return_routes.plan(route, t_ns)

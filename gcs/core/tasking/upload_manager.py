@@ -218,8 +218,12 @@ class UploadManager:
         """Remove the queued routes of all other vehicles; return these vehicles."""
         unwanted = [vehicle for vehicle in self.state.queue if vehicle not in wanted]
         for vehicle in unwanted:
-            del self.state.queue[vehicle]
+            self.withdraw(vehicle)
         return unwanted
+
+    def withdraw(self, vehicle: int) -> None:
+        """Remove the queued route of a vehicle."""
+        del self.state.queue[vehicle]
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle."""
