@@ -6,8 +6,8 @@ pilot, a failsafe, an order or another station. Both choices are simulated, and 
 hold that keeps its vehicle farthest from all others begins, if it is an improvement. Of two that keep clear
 of all, that is the one which leads its vehicle farther from the other one; else that of the vehicle with more
 to fly.
-Over terrain no vehicle holds where that would lead it out of the flight band; shortly before a loss of
-separation the hold may be above the band, or a little below it.
+Over terrain no vehicle holds where that would lead it out of the flight band. Shortly before a loss of
+separation the hold may be above the band, or a little below it; earlier, too, if then it could not any more.
 
 Two that wait near each other in LOITER, and whose circles overlap, are kept apart by height: one gets a
 mission with a circle in a free altitude layer (`gcs.core.replanning.stacked_missions`).
@@ -150,7 +150,16 @@ class Avoidances:
         may_hold = [vehicle for vehicle in pair if self._may_hold(vehicle, is_late=is_late)]
         gains = {vehicle: self._order_check.hold_gain(vehicle, flights) for vehicle in may_hold}
         gains = {v: round(gain, 1) for v, gain in gains.items() if gain >= _MIN_GAIN}
-        inside = [v for v in gains if self._order_check.circles_in_band(v, flights, is_late=is_late)]
+        in_band = self._order_check.circles_in_band
+        inside = [v for v in gains if in_band(v, flights, is_late=is_late)]
+        if not inside and not is_late:  # later a hold may be a little outside: that of some only now
+            later_s = encounter.after_s - _LATEST_S
+            inside = [
+                v
+                for v in gains
+                if in_band(v, flights, is_late=True)
+                and not in_band(v, flights, is_late=True, after_s=later_s)
+            ]
         if not inside:
             return []
         apart_m = {

@@ -56,6 +56,8 @@ _CLIMB_LAG_S: Final = 2.5
 """Time until a vehicle that held climbs as its mission asks for."""
 _TURNS_BACK_RAD: Final = 2.3
 """Turn to the next point at which a vehicle may turn to either side."""
+_LEAST_STEPS: Final = 2
+"""Positions of a predicted flight that give a course at its end."""
 _RELEASE_INSIDE_M: Final = 5.0
 """Distance inside the flight band at which it may fly on: it turns later and wider than predicted."""
 _RELEASE_MARGIN: Final = 1.5
@@ -176,17 +178,27 @@ class OrderCheck:
             is_clear and self.circles_in_band(vehicle, flights) and self.hold_gain(vehicle, flights) > -_WORSE
         )
 
-    def circles_in_band(self, vehicle: int, flights: PredictedFlights, *, is_late: bool = False) -> bool:
-        """Return True if a vehicle that holds now stays inside the flight band.
+    def circles_in_band(
+        self, vehicle: int, flights: PredictedFlights, *, is_late: bool = False, after_s: float = 0.0
+    ) -> bool:
+        """Return True if a vehicle that holds now, or after some time, stays inside the flight band.
 
         With `is_late` it may be above the band, and below it by `_LATE_OFF_BAND_M`.
         """
         if vehicle not in flights.states:
             return True
-        below_m, above_m = self._departures_m(flights.of(vehicle, LOITER))
+        before = simulate_flights([flights.of(vehicle)], after_s)
+        below_m, above_m = self._departures_m(self._hold_behind(before, vehicle, flights))
         if is_late:
             return below_m <= _LATE_OFF_BAND_M
         return max(below_m, above_m) <= _OFF_BAND_M
+
+    def _hold_behind(self, before: FlightPaths, vehicle: int, flights: PredictedFlights) -> Flight:
+        """Return the flight of a vehicle that holds at the end of a predicted flight."""
+        if len(before.east_m) < _LEAST_STEPS:
+            return flights.of(vehicle, LOITER)
+        state = _at_end(before, flights.states[vehicle], flights.t_ns)
+        return self.intents.flight(state, flights.t_ns, LOITER)
 
     def _departures_m(self, hold: Flight) -> tuple[float, float]:
         return self._ground.departures_m(hold, hold.round_s)
@@ -295,13 +307,8 @@ class OrderCheck:
         state = flights.states.get(vehicle)
         if state is None:
             return False
-        t_ns = flights.t_ns
         before = simulate_flights([flights.of(vehicle)], after_s)
-        hold = (
-            self.intents.flight(_at_end(before, state, t_ns), t_ns, LOITER)
-            if after_s
-            else flights.of(vehicle, LOITER)
-        )
+        hold = self._hold_behind(before, vehicle, flights)
         if max(self._departures_m(hold)) > _OFF_BAND_M or self._zones.hold_problem(hold, flights.of(vehicle)):
             return False
         others = self._others(vehicle, flights)

@@ -312,6 +312,24 @@ def test_one_of_a_pair_may_hold_although_the_other_one_holds_for_a_third(holds_f
     assert bool(avoidances.hold(encounter, flights)) is is_held
 
 
+@pytest.mark.parametrize(("later", "is_held"), [(False, True), (True, False)])
+def test_a_hold_a_little_below_the_band_is_not_put_off_until_it_would_lead_far_below(
+    later, is_held, monkeypatch
+):
+    """Two met at 28 m: 10 s before a hold led 8 m below the band, and 6 s before 34 m."""
+    sky = crossing()
+    avoidances = sky.run_.engine.stages.avoidances
+    monkeypatch.setattr(OrderCheck, "hold_gain", lambda *_: 0.5)
+
+    def in_band(_check, _vehicle, _flights, *, is_late=False, after_s=0.0):
+        return is_late and (later or after_s == 0.0)
+
+    monkeypatch.setattr(OrderCheck, "circles_in_band", in_band)
+    flights = avoidances._order_check.predict(sky.run_.t_ns)
+    encounter = Encounter((1, 2), 9.0, 10.0, 0.0, (1500.0, 1500.0, 130.0))
+    assert bool(avoidances.hold(encounter, flights)) is is_held
+
+
 @pytest.mark.parametrize("away", [1, 2])
 def test_of_two_that_would_be_clear_the_one_holds_whose_circle_is_farther_off(away, monkeypatch):
     """One was led to 49 m from the other, which could have kept 150 m."""
