@@ -22,7 +22,7 @@ near no other vehicle, and gets a new mission if that takes too long, or if its 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import permutations
 from typing import Final
 
@@ -34,7 +34,7 @@ from gcs.core.replanning.stacked_missions import StackedMissions
 from gcs.core.separation.aircraft import AirTraffic
 from gcs.core.separation.landing_order import LandingOrder
 from gcs.core.separation.look_ahead import Encounter
-from gcs.core.separation.order_check import OrderCheck
+from gcs.core.separation.order_check import LAST_OFF_BAND_M, LATE_OFF_BAND_M, OrderCheck
 from gcs.core.separation.predicted_flights import PredictedFlights
 from gcs.core.separation.separation_state import Avoidance
 from gcs.core.state import Agent
@@ -150,16 +150,7 @@ class Avoidances:
         may_hold = [vehicle for vehicle in pair if self._may_hold(vehicle, is_late=is_late)]
         gains = {vehicle: self._order_check.hold_gain(vehicle, flights) for vehicle in may_hold}
         gains = {v: round(gain, 1) for v, gain in gains.items() if gain >= _MIN_GAIN}
-        in_band = self._order_check.circles_in_band
-        inside = [v for v in gains if in_band(v, flights, is_late=is_late)]
-        if not inside and not is_late:  # later a hold may be a little outside: that of some only now
-            later_s = encounter.after_s - _LATEST_S
-            inside = [
-                v
-                for v in gains
-                if in_band(v, flights, is_late=True)
-                and not in_band(v, flights, is_late=True, after_s=later_s)
-            ]
+        inside = self._inside(gains, is_late, encounter.after_s, flights)
         if not inside:
             return []
         apart_m = {
@@ -172,6 +163,21 @@ class Avoidances:
         parameters: dict[str, Parameter] = {"other": other, "after_s": encounter.after_s}
         notice = Notice(t_ns, NoticeCode.AVOIDS, vehicle, parameters)
         return [notice, *self._command(vehicle, avoidance, LOITER, t_ns)]
+
+    def _inside(
+        self, vehicles: Iterable[int], is_late: bool, after_s: float, flights: PredictedFlights
+    ) -> list[int]:
+        """Return the vehicles that may hold as far as the flight band goes."""
+        in_band = self._order_check.circles_in_band
+        if is_late:
+            return [v for v in vehicles if in_band(v, flights, LATE_OFF_BAND_M)]
+        inside = [v for v in vehicles if in_band(v, flights)]
+        later_s = after_s - _LATEST_S
+        return inside or [
+            v
+            for v in vehicles
+            if in_band(v, flights, LAST_OFF_BAND_M) and not in_band(v, flights, LATE_OFF_BAND_M, later_s)
+        ]
 
     def _holds_for_other(self, encounter: Encounter) -> bool:
         """Return True if one of two vehicles holds for the other one."""

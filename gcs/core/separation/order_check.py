@@ -42,8 +42,10 @@ _MIN_POINTS: Final = 8
 """Points of a new mission that count, or more if these are flown in less than `LOOK_AHEAD_S`."""
 _OFF_BAND_M: Final = 5.0
 """Distance by which a hold may leave the flight band."""
-_LATE_OFF_BAND_M: Final = 10.0
-"""Distance by which it may go below the band shortly before a loss of separation."""
+LAST_OFF_BAND_M: Final = (10.0, 10.0)
+"""Distances by which it may go below and above the band where later it would go farther."""
+LATE_OFF_BAND_M: Final = (10.0, math.inf)
+"""The same shortly before a loss of separation."""
 _WORSE: Final = 0.1
 """Share of the minimum distances by which an order must bring a vehicle nearer."""
 _LATER_S: Final = 18.0
@@ -179,19 +181,21 @@ class OrderCheck:
         )
 
     def circles_in_band(
-        self, vehicle: int, flights: PredictedFlights, *, is_late: bool = False, after_s: float = 0.0
+        self,
+        vehicle: int,
+        flights: PredictedFlights,
+        off_band_m: tuple[float, float] = (_OFF_BAND_M, _OFF_BAND_M),
+        after_s: float = 0.0,
     ) -> bool:
         """Return True if a vehicle that holds now, or after some time, stays inside the flight band.
 
-        With `is_late` it may be above the band, and below it by `_LATE_OFF_BAND_M`.
+        `off_band_m`: distances by which it may go below and above the band.
         """
         if vehicle not in flights.states:
             return True
         before = simulate_flights([flights.of(vehicle)], after_s)
         below_m, above_m = self._departures_m(self._hold_behind(before, vehicle, flights))
-        if is_late:
-            return below_m <= _LATE_OFF_BAND_M
-        return max(below_m, above_m) <= _OFF_BAND_M
+        return below_m <= off_band_m[0] and above_m <= off_band_m[1]
 
     def _hold_behind(self, before: FlightPaths, vehicle: int, flights: PredictedFlights) -> Flight:
         """Return the flight of a vehicle that holds at the end of a predicted flight."""

@@ -321,8 +321,8 @@ def test_a_hold_a_little_below_the_band_is_not_put_off_until_it_would_lead_far_b
     avoidances = sky.run_.engine.stages.avoidances
     monkeypatch.setattr(OrderCheck, "hold_gain", lambda *_: 0.5)
 
-    def in_band(_check, _vehicle, _flights, *, is_late=False, after_s=0.0):
-        return is_late and (later or after_s == 0.0)
+    def in_band(_check, _vehicle, _flights, off_band_m=(5.0, 5.0), after_s=0.0):
+        return off_band_m[0] > 5.0 and (later or after_s == 0.0)
 
     monkeypatch.setattr(OrderCheck, "circles_in_band", in_band)
     flights = avoidances._order_check.predict(sky.run_.t_ns)
