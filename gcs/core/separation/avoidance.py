@@ -7,7 +7,8 @@ hold that keeps its vehicle farthest from all others begins, if it is an improve
 of all, that is the one which leads its vehicle farther from the other one; else that of the vehicle with more
 to fly.
 Over terrain no vehicle holds where that would lead it out of the flight band. Shortly before a loss of
-separation the hold may be above the band, or a little below it; earlier, too, if then it could not any more.
+separation the hold may be a little outside the band, or far above it if separation would be lost; earlier,
+too, if then it could not any more.
 
 Two that wait near each other in LOITER, and whose circles overlap, are kept apart by height: one gets a
 mission with a circle in a free altitude layer (`gcs.core.replanning.stacked_missions`).
@@ -34,6 +35,7 @@ from gcs.core.replanning.stacked_missions import StackedMissions
 from gcs.core.separation.aircraft import AirTraffic
 from gcs.core.separation.landing_order import LandingOrder
 from gcs.core.separation.look_ahead import Encounter
+from gcs.core.separation.minima import LOST_SHARE, layer_step_m
 from gcs.core.separation.order_check import LAST_OFF_BAND_M, LATE_OFF_BAND_M, OrderCheck
 from gcs.core.separation.predicted_flights import PredictedFlights
 from gcs.core.separation.separation_state import Avoidance
@@ -88,6 +90,7 @@ class Avoidances:
         stacked_missions: StackedMissions,
     ) -> None:
         self._mission = config.mission
+        self._lost_height_m = LOST_SHARE * layer_step_m(config)
         self._base_msl_m = config.frame.alt_msl_m
         self._stacked = stacked_missions
         self._air_traffic = air_traffic
@@ -150,7 +153,7 @@ class Avoidances:
         may_hold = [vehicle for vehicle in pair if self._may_hold(vehicle, is_late=is_late)]
         gains = {vehicle: self._order_check.hold_gain(vehicle, flights) for vehicle in may_hold}
         gains = {v: round(gain, 1) for v, gain in gains.items() if gain >= _MIN_GAIN}
-        inside = self._inside(gains, is_late, encounter.after_s, flights)
+        inside = self._inside(gains, is_late, encounter, flights)
         if not inside:
             return []
         apart_m = {
@@ -165,14 +168,15 @@ class Avoidances:
         return [notice, *self._command(vehicle, avoidance, LOITER, t_ns)]
 
     def _inside(
-        self, vehicles: Iterable[int], is_late: bool, after_s: float, flights: PredictedFlights
+        self, vehicles: Iterable[int], is_late: bool, encounter: Encounter, flights: PredictedFlights
     ) -> list[int]:
         """Return the vehicles that may hold as far as the flight band goes."""
         in_band = self._order_check.circles_in_band
         if is_late:
-            return [v for v in vehicles if in_band(v, flights, LATE_OFF_BAND_M)]
+            off_band_m = LATE_OFF_BAND_M if encounter.height_m < self._lost_height_m else LAST_OFF_BAND_M
+            return [v for v in vehicles if in_band(v, flights, off_band_m)]
         inside = [v for v in vehicles if in_band(v, flights)]
-        later_s = after_s - _LATEST_S
+        later_s = encounter.after_s - _LATEST_S
         return inside or [
             v
             for v in vehicles

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import islice, pairwise
+from itertools import islice, pairwise, product
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -48,8 +48,10 @@ _CIRCLE_MARGIN_M: Final = 60.0
 """Overshoot of a vehicle that enters its circle."""
 _DRIFT_S: Final = 8.0
 """Time in which the wind would take a vehicle as far off its circle as it is flown."""
-_EXITS: Final = 8
+_EXITS: Final = 16
 """Places on a circle from where a vehicle may leave it."""
+_EXIT_COURSES_RAD: Final = (-0.4, 0.0, 0.4)
+"""Differences of its course from the tangent there: it may turn back to either side."""
 _CIRCLE_RADIUS_M: Final = 80.0
 """Radius of a circle that the autopilot sets."""
 _PLACE_STEP_M: Final = 50.0
@@ -374,13 +376,13 @@ def _is_left_clear(grid: Grid, airframe: AgentAirframe, points_m: FloatArray) ->
     for_s = (_length_m(points_m) + 2.0 * math.pi * radius_m) / max(
         airframe.speed_m_s - airframe.wind_m_s, 1.0
     )
-    for k in range(_EXITS):
+    for k, turned_rad in product(range(_EXITS), _EXIT_COURSES_RAD):
         angle = 2.0 * math.pi * k / _EXITS
         motion = Motion(
             float(points_m[0, 0]) + radius_m * math.sin(angle),
             float(points_m[0, 1]) + radius_m * math.cos(angle),
             airframe.speed_m_s,
-            angle + 0.5 * math.pi,
+            angle + 0.5 * math.pi + turned_rad,
             airframe.speed_m_s / radius_m,
             ahead=ahead,
         )

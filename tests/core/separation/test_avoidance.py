@@ -330,6 +330,18 @@ def test_a_hold_a_little_below_the_band_is_not_put_off_until_it_would_lead_far_b
     assert bool(avoidances.hold(encounter, flights)) is is_held
 
 
+@pytest.mark.parametrize(("height_m", "is_held"), [(5.0, True), (9.0, True), (14.0, False)])
+def test_a_vehicle_holds_far_above_the_band_only_if_separation_would_be_lost(height_m, is_held, monkeypatch):
+    """One held at 134 m above the ground for another that would have passed 14 m below."""
+    sky = crossing()
+    avoidances = sky.run_.engine.stages.avoidances
+    monkeypatch.setattr(OrderCheck, "hold_gain", lambda *_: 0.5)
+    monkeypatch.setattr(OrderCheck, "circles_in_band", lambda *args: args[3][1] > 30.0)
+    flights = avoidances._order_check.predict(sky.run_.t_ns)
+    encounter = Encounter((1, 2), 5.0, 40.0, height_m, (1500.0, 1500.0, 130.0))
+    assert bool(avoidances.hold(encounter, flights)) is is_held
+
+
 @pytest.mark.parametrize("away", [1, 2])
 def test_of_two_that_would_be_clear_the_one_holds_whose_circle_is_farther_off(away, monkeypatch):
     """One was led to 49 m from the other, which could have kept 150 m."""

@@ -3,15 +3,18 @@
 import msgspec
 import numpy as np
 import pytest
+from helpers.flown_clearance import in_wind
 from helpers.sky import LANDING, NEAR_HEIGHT_M, NEAR_M, Sky
 from helpers.staging import S
 
+from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.mission_checks import mission_checks, rehearse
-from gcs.core.separation.landing_order import LandingOrder
+from gcs.core.separation.landing_order import LandingOrder, _is_left_clear
 from gcs.model import NoticeCode
-from gcs.planning.map.grid import free_grid
+from gcs.planning.map.grid import free_grid, free_grid_like
 from sim_vehicles.campaign.virtual_run import START_T_NS
+from sim_vehicles.world.scenario import WindTable, load
 
 MIN_APART_S = 50.0
 STRIP = [(1480.0 + 9.0 * k, 900.0, 60.0 + 20.0 * k) for k in range(3)]
@@ -74,6 +77,16 @@ def test_a_wait_needs_more_room_in_wind():
     assert LandingOrder(config, None, {})._corner(1, return_m, grid, [])[0] == -1
     config = msgspec.structs.replace(config, airframe=airframe)
     assert LandingOrder(config, None, {})._corner(1, return_m, grid, [])[0] == 0
+
+
+def test_a_wait_does_not_end_beside_an_obstacle_towards_which_the_vehicle_may_turn_back():
+    """As flown in wind, seed 68: the next corner was astern; it turned to the other side than predicted."""
+    config = in_wind(load("random-targets"), WindTable(), 0.375 * 15.0).config
+    grid = mission_grid(config, 68)
+    airframe = config.airframe_of(4)
+    after_m = np.array([(1580.0, 1838.0), (1524.0, 1767.0), (1144.0, 1915.0)])
+    assert not _is_left_clear(grid, airframe, after_m)
+    assert _is_left_clear(free_grid_like(grid), airframe, after_m)
 
 
 @pytest.mark.parametrize(("wind_m_s", "is_later"), [((0.0, -8.0), True), ((0.0, 0.0), False), (None, False)])
