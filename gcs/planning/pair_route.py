@@ -129,23 +129,27 @@ def fit_for_wind(
     best = planned
     best_m, least_cost_m = rated(planned.route.points_m, planned.route.length_m, math.inf)
     for shares in WIND_SHARES:
-        if keeps_enough(best_m, own):
+        is_whole = best_m >= 0.0 and best.is_short <= planned.is_short
+        if is_whole and keeps_enough(best_m, own):
             break
         agent = replace(start, options=widened(own, *shares))
         wide = widened(options, *shares)
         search = RouteSearch(grid, [agent], [target_m], [demand], wide)
         if not math.isfinite(search.costs[0, 0]):
             continue
+        most_m = least_cost_m if is_whole else math.inf
         aimed = search.route(0, 0)
-        clearance_m, cost_m = rated(aimed.points_m, aimed.length_m, least_cost_m)
-        if cost_m >= least_cost_m:
+        clearance_m, cost_m = rated(aimed.points_m, aimed.length_m, most_m)
+        if is_whole and cost_m >= least_cost_m:
             continue
         other = shape(search, (0, 0), options=wide)
-        if other.route is None or (other.is_short > best.is_short and best_m >= 0.0):
-            continue  # one that ends short of the target is better than one that hits an obstacle
+        if other.route is None:
+            continue
         if not np.array_equal(other.route.points_m, aimed.points_m):
-            clearance_m, cost_m = rated(other.route.points_m, other.route.length_m, least_cost_m)
-        if cost_m < least_cost_m:
+            clearance_m, cost_m = rated(other.route.points_m, other.route.length_m, most_m)
+        # To hit nothing comes first, to reach the target second.
+        rank = clearance_m < 0.0, other.is_short, cost_m
+        if rank < (best_m < 0.0, best.is_short, least_cost_m):
             best = other
             best_m = clearance_m
             least_cost_m = cost_m

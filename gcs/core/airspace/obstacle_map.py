@@ -150,8 +150,8 @@ def mission_map(config: Config, seed: int) -> ObstacleMap:
     kept_clear = [(agent.east_m, agent.north_m) for agent in config.agents]
     kept_clear += [(birth.east_m, birth.north_m) for birth in config.births]
     rng = np.random.default_rng([seed, _PURPOSE])
-    airframe = config.airframe
-    downwind = 1.0 + airframe.wind_m_s / airframe.speed_m_s  # turns are wider there
+    airframes = config.airframes_of_agents.values()
+    downwind = max((1.0 + one.wind_m_s / one.speed_m_s for one in airframes), default=1.0)  # wider turns
     full = random_obstacles(full, area.random_threshold, rng, kept_clear, downwind * _KEEP_CLEAR_M)
     return ObstacleMap(full, tuple(limited), config.layer_heights, config.elevation)
 

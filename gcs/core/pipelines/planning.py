@@ -72,16 +72,16 @@ def renew_outdated(stages: Stages, t_ns: int) -> list[Effect]:
     inputs = stages.planning_inputs.build(t_ns, stages.state.measured_t_ns)
     for vehicle in outdated:
         queued = stages.state.tasking.queue[vehicle]
-        made = stages.replanner.renew_flown(vehicle, inputs)
+        made = stages.replanner.renew_flown(vehicle, queued.planned_t_ns, inputs)
         if made is None:
             stages.tasking.renew_queued(vehicle, queued.route, queued.return_route, t_ns)
             continue
         (route,) = (route for route in made.routes if route.vehicle == vehicle)
+        return_route, warnings = stages.return_routes.plan(route, t_ns)
         if vehicle not in made.changed:  # it keeps its onboard mission
             stages.tasking.withdraw(vehicle)
-            effects += [made, *stages.approval.end(vehicle, t_ns, "not wanted any more")]
+            effects += [made, *warnings]
             continue
-        return_route, warnings = stages.return_routes.plan(route, t_ns)
         stages.tasking.renew_queued(vehicle, route, return_route, t_ns)
         effects += [made, *warnings]
     return effects

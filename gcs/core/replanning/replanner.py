@@ -135,6 +135,7 @@ class Replanner:
         """
         for vehicle, agent in self._agents.items():
             routes = agent.routes
+            routes.layer_t_ns = 0  # what was flown before may lead through the zone
             state = agent.perception.motion.state
             flown = routes.flown
             proposed = routes.proposed
@@ -207,29 +208,47 @@ class Replanner:
             self._agents[vehicle].routes.proposed = route
         return routes
 
-    def renew_flown(self, vehicle: int, inputs: PlanningInputs) -> Plan | None:
+    def renew_flown(self, vehicle: int, planned_t_ns: int, inputs: PlanningInputs) -> Plan | None:
         """Plan the route of a vehicle whose upload waited again from where it is now, to the same target.
 
-        Where that would lead below the flight band, a vehicle keeps the route of its onboard mission, if that
-        has the same target. Return None if there is no such route.
+        Return None if there is no such route. One that was only to lead a vehicle apart from another one is
+        dropped where it would now lead below the flight band: the vehicle flies on by its onboard mission.
+
+        Parameters
+        ----------
+        planned_t_ns : int
+            Time of the plan that waited.
         """
         routes = self._agents[vehicle].routes
-        renewed = {} if routes.flown is None else self._renewed({vehicle: routes.flown.target}, inputs)
-        if vehicle not in renewed:
+        if routes.flown is None:
             return None
-        route = renewed[vehicle]
-        tasking = self._agents[vehicle].tasking
-        onboard = tasking.onboard.route if tasking.onboard is not None and tasking.is_selected else None
-        leads_there = onboard is not None and onboard.target == route.target and not routes.is_blocked
-        if onboard is not None and leads_there and self._kept.is_low(route):
+        made = self._made_again({vehicle: routes.flown.target}, inputs)
+        if vehicle not in made.paths_m:
+            return None
+        (route,) = (one for one in made.routes if one.vehicle == vehicle)
+        onboard = self._flown_on(vehicle, inputs)
+        was_led_apart = routes.layer_t_ns == planned_t_ns
+        if onboard is not None and was_led_apart and self._kept.is_low(route):
             routes.flown = onboard
             routes.latest = onboard
             why = reasons.of_agent(
                 "upload waited", vehicle, "keeps its mission: a new one would now be too low"
             )
             return self._flown_plan(inputs.t_ns, inputs.picture_t_ns, why)
+        self._note_made(made, inputs.t_ns)
         why = reasons.of_agent("upload waited", vehicle, "gets its mission later than planned")
         return self._fly_instead(route, why, inputs)
+
+    def _flown_on(self, vehicle: int, inputs: PlanningInputs) -> Route | None:
+        """Return the route of the onboard mission that a vehicle flies in AUTO, if it may fly on by it."""
+        agent = self._agents[vehicle]
+        flown = agent.routes.flown
+        onboard = agent.tasking.onboard
+        is_led = bool(inputs.motion(vehicle).ahead.points_m) and agent.separation.avoidance is None
+        if onboard is None or flown is None or not (is_led and agent.tasking.is_selected):
+            return None
+        is_clear = not agent.routes.is_blocked and not self._triggers.is_endangered(vehicle, inputs)
+        return onboard.route if is_clear and onboard.route.target == flown.target else None
 
     def _fly_instead(self, route: Route, why: Reason, inputs: PlanningInputs) -> Plan:
         """Make a route, planned on the present map, the flown one of its vehicle; return the plan of all."""
@@ -248,7 +267,8 @@ class Replanner:
         tries = 0
         for vehicle, after_s in self._triggers.meeting(inputs):
             routes = self._agents[vehicle].routes
-            if routes.flown is None or inputs.t_ns - routes.layer_t_ns < _LAYER_PERIOD_NS:
+            is_new = routes.made_t_ns == inputs.t_ns
+            if routes.flown is None or is_new or inputs.t_ns - routes.layer_t_ns < _LAYER_PERIOD_NS:
                 continue
             routes.layer_t_ns = inputs.t_ns
             made = self._made_again({vehicle: routes.flown.target}, inputs)

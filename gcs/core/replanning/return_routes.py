@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
+from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_WAYPOINT
 
 from gcs.config import Config
 from gcs.config.airframe import AgentAirframe
@@ -165,4 +166,6 @@ def _passed(agent: Agent) -> int:
     state = agent.perception.motion.state
     if onboard is None or state is None or not agent.tasking.is_selected:
         return 0
-    return max(state.mission_seq - onboard.first_point - len(onboard.route.points_m) + 1, 0)
+    flown = onboard.items[onboard.first_point : max(state.mission_seq, 0)]
+    waypoints = [item.command for item in flown].count(MAV_CMD_NAV_WAYPOINT)
+    return max(waypoints - len(onboard.route.points_m) + 1, 0)

@@ -3,9 +3,8 @@
 The monitor finds the pair (`gcs.core.separation.monitor`). A vehicle may hold while it flies its mission for
 this service, or has arrived and circles at its target: not in a take-off or a landing, and never against a
 pilot, a failsafe, an order or another station. Both choices are simulated, and compared with flying on. The
-hold that keeps its vehicle farthest from all others begins, if it is an improvement. Of two that keep clear
-of all, that is the one which leads its vehicle farther from the other one; else that of the vehicle with more
-to fly.
+hold that keeps its vehicle farthest from all others begins, if it is an improvement. Of two that are equal,
+that is the one which keeps its vehicle farther from the other one; else that of the vehicle with more to fly.
 Over terrain no vehicle holds where that would lead it out of the flight band. Shortly before a loss of
 separation the hold may be a little outside the band, or far above it if separation would be lost; earlier,
 too, if then it could not any more.
@@ -32,7 +31,7 @@ from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_LOITER_UNLIM
 from gcs.config import Config
 from gcs.core.airspace.incursion_warning import Incursion
 from gcs.core.replanning.stacked_missions import StackedMissions
-from gcs.core.separation.aircraft import AirTraffic
+from gcs.core.separation.aircraft import AirTraffic, is_aircraft
 from gcs.core.separation.landing_order import LandingOrder
 from gcs.core.separation.look_ahead import Encounter
 from gcs.core.separation.minima import LOST_SHARE, layer_step_m
@@ -173,7 +172,8 @@ class Avoidances:
         """Return the vehicles that may hold as far as the flight band goes."""
         in_band = self._order_check.circles_in_band
         if is_late:
-            off_band_m = LATE_OFF_BAND_M if encounter.height_m < self._lost_height_m else LAST_OFF_BAND_M
+            is_loss = is_aircraft(encounter.vehicles[1]) or encounter.height_m < self._lost_height_m
+            off_band_m = LATE_OFF_BAND_M if is_loss else LAST_OFF_BAND_M
             return [v for v in vehicles if in_band(v, flights, off_band_m)]
         inside = [v for v in vehicles if in_band(v, flights)]
         later_s = encounter.after_s - _LATEST_S

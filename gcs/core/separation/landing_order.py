@@ -6,7 +6,7 @@ time that is computed when the mission is made (NAV_LOITER_TIME). Each landing h
 descent and the approach take, and a margin for a turn more on the circle and for wind. The slots of others
 follow from what is left of their onboard missions.
 
-The circle is at a corner of the return route, or on a leg of it.
+The circle is at a corner of the return route, or on a leg of it where the route has no heights of its own.
 
 A descent crosses the layers below its own. So a vehicle lands after those that circle below its descent
 until they land, and waits beside the descents of those that land before it.
@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import islice, pairwise, product
+from itertools import pairwise, product
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -56,8 +56,6 @@ _CIRCLE_RADIUS_M: Final = 80.0
 """Radius of a circle that the autopilot sets."""
 _PLACE_STEP_M: Final = 50.0
 """Distance of places on a leg at which a vehicle may wait."""
-_MAX_PLACES: Final = 3
-"""Number of clear places on legs of which one beside the descents of others is chosen."""
 _WaitingPlace: TypeAlias = tuple[int, FloatArray]
 """Corner of a return route where a vehicle may wait, as in `LandingWait`, and the route from its end on."""
 
@@ -108,9 +106,10 @@ class LandingOrder:
             separation.landing_wait_m = route.wait_m  # the circle there is clear of the ground
             return replace(planned, wait=LandingWait(-1, seconds)), ""
         above_m = self._descents_above(route, [v for v, taken_ns in others.items() if taken_ns < lands_ns])
-        place = self._corner(vehicle, return_m, grid, above_m)
-        if place is None and route.heights_msl_m is None:
-            place = self._place_on_leg(route, return_m, grid, above_m)
+        places = self._corners(return_m)
+        if route.heights_msl_m is None:
+            places += self._on_legs(route.layer, return_m)
+        place = self._place(vehicle, places, grid, above_m)
         if place is None:
             separation.landing_t_ns = earliest_ns
             return planned, (
@@ -200,37 +199,33 @@ class LandingOrder:
         zone_m = self._zone_m(self._config.mission.layers if latest is None else latest.layer)
         return zone_m / self._airframes[vehicle].speed_m_s + _MARGIN_S
 
-    def _corner(
-        self, vehicle: int, return_m: FloatArray, grid: Grid, above_m: Sequence[FloatArray]
-    ) -> _WaitingPlace | None:
-        """Return the first point with a clear circle: the end of the route, or a corner behind it.
+    def _corners(self, return_m: FloatArray) -> list[_WaitingPlace]:
+        """Return the end of a route, and the corners behind it."""
+        return [(corner, return_m) for corner in range(-1, len(return_m) - 3)]
 
-        One beside the descents of others is preferred.
-        """
-        clear = [
-            (corner, return_m)
-            for corner in range(-1, len(return_m) - 3)
-            if self._is_place_clear(vehicle, return_m, corner, grid)
-        ]
-        return self._beside(vehicle, clear, above_m)
-
-    def _place_on_leg(
-        self, route: Route, return_m: FloatArray, grid: Grid, above_m: Sequence[FloatArray]
-    ) -> _WaitingPlace | None:
-        """Return a place with a clear circle between two points of a return route, before the descent."""
-        places = [
+    def _on_legs(self, layer: int, return_m: FloatArray) -> list[_WaitingPlace]:
+        """Return places between the points of a return route, before the descent."""
+        return [
             (corner, np.insert(return_m, corner + 1, place_m, axis=0))
-            for corner, place_m in _places_on_legs(return_m, self._zone_m(route.layer))
+            for corner, place_m in _places_on_legs(return_m, self._zone_m(layer))
         ]
-        clear = (
-            (corner, with_place_m)
-            for corner, with_place_m in places
-            if self._is_place_clear(route.vehicle, with_place_m, corner, grid)
-        )
-        return self._beside(route.vehicle, list(islice(clear, _MAX_PLACES)), above_m)
+
+    def _place(
+        self, vehicle: int, places: Sequence[_WaitingPlace], grid: Grid, above_m: Sequence[FloatArray]
+    ) -> _WaitingPlace | None:
+        """Return the first place with a clear circle; one beside the descents of others is preferred."""
+
+        def is_below(place: _WaitingPlace) -> bool:
+            east_m, north_m = place[1][place[0] + 1].tolist()
+            return any(self._is_below(vehicle, (east_m, north_m), descent_m) for descent_m in above_m)
+
+        for corner, return_m in sorted(places, key=is_below):
+            if self._is_place_clear(vehicle, return_m, corner, grid):
+                return corner, return_m
+        return None
 
     def _is_place_clear(self, vehicle: int, return_m: FloatArray, corner: int, grid: Grid) -> bool:
-        """Return True if a vehicle can circle at a point of its return route, and leave it at any time."""
+        """Return True if a vehicle can circle at a point of its return route, and leave it in wind."""
         airframe = self._airframes[vehicle]
         room_m = (airframe.loiter_radius_m or _CIRCLE_RADIUS_M) + _CIRCLE_MARGIN_M
         if airframe.wind_m_s > 0.0:
@@ -239,20 +234,6 @@ class LandingOrder:
         return _is_clear(grid, (east_m, north_m), room_m) and (
             airframe.wind_m_s == 0.0 or _is_left_clear(grid, airframe, return_m[corner + 1 : -1][:3])
         )
-
-    def _beside(
-        self, vehicle: int, clear: Sequence[_WaitingPlace], above_m: Sequence[FloatArray]
-    ) -> _WaitingPlace | None:
-        """Return the first place that is beside the descents of others, else the first; None without one."""
-        beside = (
-            (corner, return_m)
-            for corner, return_m in clear
-            if not any(
-                self._is_below(vehicle, tuple(return_m[corner + 1].tolist()), descent_m)
-                for descent_m in above_m
-            )
-        )
-        return next(beside, next(iter(clear), None))
 
     def _landings(self, vehicle: int, place_m: Point, t_ns: int) -> Iterator[tuple[int, int]]:
         """Yield the other vehicles that will land in the same field, and when."""

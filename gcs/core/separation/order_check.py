@@ -43,9 +43,9 @@ _MIN_POINTS: Final = 8
 _OFF_BAND_M: Final = 5.0
 """Distance by which a hold may leave the flight band."""
 LAST_OFF_BAND_M: Final = (10.0, 10.0)
-"""Distances by which it may go below and above the band where later it would go farther."""
+"""Distances by which it may go below and above the band if a hold later would lead farther below, or late."""
 LATE_OFF_BAND_M: Final = (10.0, math.inf)
-"""The same shortly before a loss of separation."""
+"""The same shortly before separation would be lost."""
 _WORSE: Final = 0.1
 """Share of the minimum distances by which an order must bring a vehicle nearer."""
 _LATER_S: Final = 18.0
@@ -295,7 +295,7 @@ class OrderCheck:
         return self._nearness(held, others) - self._nearness(present, others)
 
     def held_apart_m(self, vehicle: int, pair: Collection[int], flights: PredictedFlights) -> float:
-        """Return how far a vehicle of a pair stays from the other one if it holds now, and that flies on.
+        """Return the least horizontal distance of a pair if one vehicle holds now, and the other flies on.
 
         Infinite if the other one is no vehicle of this mission.
         """

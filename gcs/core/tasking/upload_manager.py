@@ -445,7 +445,7 @@ class UploadManager:
             upload_s = DELIVERY_S + late_s(tasking)
             motion = self.motion(state, t_ns)
             heights_msl_m = state.alt_msl_m, home.alt_msl_m
-            wind_m_s = self._agents[vehicle].link.wind_m_s
+            wind_m_s = None if from_ground else self._agents[vehicle].link.wind_m_s
             problem = self._bounds.flight_problem(flown, vehicle, motion, upload_s, *heights_msl_m, wind_m_s)
         if problem is not None:
             reason = f"{problem.text}; the vehicle keeps its onboard mission"

@@ -23,7 +23,7 @@ import numpy as np
 
 from gcs.geo import bearing_rad, wrap_pi
 from gcs.model import APPROACH_M, FloatArray, LandingWait, read_only
-from gcs.planning.flight_variants import wind_margin_m, windy_flights
+from gcs.planning.flight_variants import flight_variants, wind_margin_m, windy_flights
 from gcs.planning.forward_simulation import Motion, RemainingMission, SimulatedFlight, simulate
 from gcs.planning.manoeuvres.loiter import path_length_m, places_around, split_before_end
 from gcs.planning.map.grid import Grid, Point
@@ -249,7 +249,8 @@ class _Planner:
             points_m = np.vstack((left_m, aimed.points_m, gates[j].points_m[1:]))
             if self._is_sharp(points_m, len(left_m) + len(aimed.points_m)):
                 continue
-            grade = self._grade(points_m, keeps_clearance=not aimed.notes and gates[j].share == 1.0)
+            most = math.inf if best is None else best[0]
+            grade = self._grade(points_m, most, keeps_clearance=not aimed.notes and gates[j].share == 1.0)
             if best is None or grade < best[0]:
                 best = grade, points_m, gates[j]
             if grade == _CLEAR:
@@ -331,11 +332,18 @@ class _Planner:
                 return share
         return -1.0
 
-    def _grade(self, points_m: FloatArray, *, keeps_clearance: bool) -> float:
+    def _grade(self, points_m: FloatArray, most: float, *, keeps_clearance: bool) -> float:
+        """Return the grade of a path; exact below `most`."""
         if self._is_flown_clear(points_m, MIN_CLEARANCE_SHARE * self._options.clearance_m):
             return _CLEAR if keeps_clearance else _NEAR
-        are_clear = [flight.is_clear for flight in self._flights(points_m, 0.0)]
-        return _TOO_NEAR if all(are_clear) else _SHARP + are_clear.count(False) / (len(are_clear) + 1)
+        landing = self._landing
+        count = len(flight_variants(landing.turns, landing.turn_lag_s, self._speed_m_s))
+        hits = 0
+        for flight in self._flights(points_m, 0.0):
+            hits += not flight.is_clear
+            if hits and _SHARP + hits / (count + 1) >= most:
+                break
+        return _SHARP + hits / (count + 1) if hits else _TOO_NEAR
 
     def _is_sharp(self, points_m: FloatArray, joined: int) -> bool:
         """Return True if a path turns too sharply where it joins the straight legs of a landing."""

@@ -54,7 +54,7 @@ def test_vehicles_land_one_after_the_other_even_if_the_link_is_lost_after_the_up
 @pytest.mark.parametrize("px4", [(), (1, 2, 3)])
 def test_where_no_corner_is_clear_they_wait_on_a_leg(px4, monkeypatch):
     """Four pairs came near in 80 missions among obstacles: an operator was asked to hold one of them."""
-    monkeypatch.setattr(LandingOrder, "_corner", lambda *_: None)
+    monkeypatch.setattr(LandingOrder, "_corners", lambda *_: [])
     sky = Sky(*STRIP, px4=px4, field=LANDING).fly(30.0)
     assert not sky.told(NoticeCode.RETURN_ROUTE_PROBLEM)
     waits_m = [agent.separation.landing_wait_m for agent in sky.run_.engine.state.agents.values()]
@@ -74,9 +74,11 @@ def test_a_wait_needs_more_room_in_wind():
     grid = free_grid((200, 100), 20.0, (-1000.0, -1000.0)).with_obstacles(
         discs_m=[(0.0, room_m + 20.0, 20.0)]
     )
-    assert LandingOrder(config, None, {})._corner(1, return_m, grid, [])[0] == -1
+    order = LandingOrder(config, None, {})
+    assert order._place(1, order._corners(return_m), grid, [])[0] == -1
     config = msgspec.structs.replace(config, airframe=airframe)
-    assert LandingOrder(config, None, {})._corner(1, return_m, grid, [])[0] == 0
+    order = LandingOrder(config, None, {})
+    assert order._place(1, order._corners(return_m), grid, [])[0] == 0
 
 
 def test_a_wait_does_not_end_beside_an_obstacle_towards_which_the_vehicle_may_turn_back():

@@ -9,8 +9,10 @@ from helpers.runway import Field
 from helpers.staging import S
 
 from gcs.core.replanning.kept_routes import KeptRoutes
+from gcs.core.separation.separation_state import Avoidance
 from gcs.mavlink.frames.codec import decode
 from gcs.model import NoticeCode, Order, Plan, Send
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import LINK, START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import parse_scenario
 
@@ -82,9 +84,16 @@ def test_a_route_that_waited_starts_where_the_vehicle_is_when_its_upload_begins(
     assert (last.causes, last.changed) == (("upload waited",), (1,))
 
 
-@pytest.mark.parametrize("is_low", [True, False])
-def test_a_vehicle_whose_late_mission_would_be_too_low_keeps_the_one_that_it_has(is_low, monkeypatch):
-    """One flew 25 m above the ground: it had got its mission 5 s late, beyond the place to climb."""
+@pytest.mark.parametrize(
+    ("is_low", "led_apart", "is_kept"), [(True, True, True), (False, True, False), (True, False, False)]
+)
+def test_a_vehicle_whose_late_mission_would_be_too_low_keeps_the_one_that_it_flies(
+    is_low, led_apart, is_kept, monkeypatch
+):
+    """One flew 25 m above the ground: it had got its mission 5 s late, beyond the place to climb.
+
+    Only what was to lead it apart from another one is dropped.
+    """
     plans = []
     run = VirtualRun(
         parse_scenario(TWO_TARGETS, "held.toml"),
@@ -98,15 +107,30 @@ def test_a_vehicle_whose_late_mission_would_be_too_low_keeps_the_one_that_it_has
     agent.routes.flown = replace(
         onboard.route, points_m=np.vstack((bend_m, onboard.route.points_m[-1:])), wait_m=onboard.route.wait_m
     )
+    agent.routes.layer_t_ns = run.t_ns if led_apart else 0
     hold_by_pause(run.engine, 30)
     run.engine.stages.tasking.enqueue_upload(agent.routes.flown, run.t_ns)
     monkeypatch.setattr(KeptRoutes, "is_low", lambda *_: is_low)
-    run.run(32.0)
-    (last,) = [plan for plan in plans if "upload waited" in plan.causes]
-    assert last.changed == (() if is_low else (1,))
-    assert (agent.tasking.onboard is onboard) == is_low
+    run.run(34.0)
+    late = [plan for plan in plans if "upload waited" in plan.causes]
+    assert late[-1].changed == (() if is_kept else (1,))
+    assert (agent.tasking.onboard is onboard) == is_kept
     assert agent.routes.flown.is_same(agent.tasking.onboard.route)
     assert run.engine.state.tasking.stage(1) == ""
+    assert run.vehicles["vehicle:1"].autopilot.mode is Mode.AUTO
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_a_vehicle_that_holds_does_not_keep_a_mission_that_nobody_would_start_again(held):
+    run = VirtualRun(parse_scenario(TWO_TARGETS, "held.toml"), 1)
+    run.run(20.0)
+    stages = run.engine.stages
+    agent = run.engine.state.agents[1]
+    if held:
+        agent.separation.avoidance = Avoidance("agent 2", run.t_ns)
+    inputs = stages.planning_inputs.build(run.t_ns, run.t_ns)
+    expected = None if held else agent.tasking.onboard.route
+    assert stages.replanner._flown_on(1, inputs) is expected
 
 
 def test_a_take_off_that_waited_is_planned_again_when_its_turn_comes():

@@ -17,7 +17,7 @@ def test_few_waiting_routes_are_planned_again_at_one_tick() -> None:
         waiting.remove(vehicle)
         renewed.append(vehicle)
 
-    queued = SimpleNamespace(route=None, return_route=None)
+    queued = SimpleNamespace(route=None, return_route=None, planned_t_ns=0)
     stages = SimpleNamespace(
         tasking=SimpleNamespace(outdated=lambda _, count: waiting[:count], renew_queued=renew),
         state=SimpleNamespace(
