@@ -91,6 +91,7 @@ def views(page: Page) -> list[list[float]]:
     return page.evaluate(found)
 
 
+@pytest.mark.real_time
 def test_one_time_line_moves_both_and_the_shorter_recording_stays_at_its_end(console, page):
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))
@@ -128,6 +129,7 @@ def test_one_time_line_moves_both_and_the_shorter_recording_stays_at_its_end(con
     assert errors == []
 
 
+@pytest.mark.real_time
 def test_maps_are_linked_until_they_are_unlinked(console, page):
     opened(page, console.url)
     first, other = views(page)
@@ -148,6 +150,7 @@ def test_maps_are_linked_until_they_are_unlinked(console, page):
     assert views(page)[0] != pytest.approx(moved)
 
 
+@pytest.mark.real_time
 def test_the_comparison_has_no_violation_that_axe_finds_and_fits_a_phone(console, page, problems):
     opened(page, console.url)
     page.keyboard.press("End")

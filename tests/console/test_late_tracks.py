@@ -6,6 +6,7 @@ import json
 import math
 from types import SimpleNamespace
 
+import pytest
 from helpers.staging import at, track
 from playwright.sync_api import Page, expect
 
@@ -97,6 +98,7 @@ def picture_of(page: Page) -> int:
     return found
 
 
+@pytest.mark.real_time
 def test_late_estimates_are_a_layer_of_the_map_if_there_are_some(fly, page) -> None:
     config = parse(text_with_lag(3), "lag")
     name = "Estimates 3 scans late (dotted)"

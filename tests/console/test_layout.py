@@ -94,6 +94,7 @@ def is_on_top(page: Page, selector: str) -> bool:
     return found
 
 
+@pytest.mark.real_time
 def test_map_vehicles_and_confirmation_are_there_at_every_size(fly, launch, page):
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))
@@ -132,6 +133,7 @@ def test_map_vehicles_and_confirmation_are_there_at_every_size(fly, launch, page
     assert errors == []
 
 
+@pytest.mark.real_time
 def test_the_newest_event_stays_in_view_when_the_window_gets_narrower(fly, launch, page):
     rest = "one => one.scrollHeight - one.scrollTop - one.clientHeight"
     page.route_web_socket("**/feed", crowd)
@@ -148,6 +150,7 @@ def test_the_newest_event_stays_in_view_when_the_window_gets_narrower(fly, launc
         assert log.evaluate(rest) < 30
 
 
+@pytest.mark.real_time
 def test_a_lost_service_is_shown_over_the_map(fly, launch, page):
     with fly() as flight:
         launch(flight)
@@ -183,6 +186,7 @@ def test_a_trail_ends_where_nothing_was_heard() -> None:
     assert trail == [[0, 0, 600], [20, 0, 600], [40, 0, 600], None, [200, 0, 600], [220, 0, 600]]
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize("key", ["v", "g"])
 def test_the_panel_that_is_opened_by_a_key_is_closed_by_it(fly, page, key):
     with fly() as flight:

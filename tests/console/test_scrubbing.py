@@ -141,6 +141,7 @@ def test_going_back_shows_the_run_as_it_was(console):
         assert go(page, 58.0)["vehicles"] == late["vehicles"]
 
 
+@pytest.mark.real_time
 def test_a_recording_is_scrubbed_with_keys_and_pointer(console, page):
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))

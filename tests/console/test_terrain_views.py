@@ -6,6 +6,7 @@ import re
 import time
 
 import numpy as np
+import pytest
 from helpers.hills import elevation_of, hill, terrain_table
 from playwright.sync_api import Page, expect
 
@@ -36,6 +37,7 @@ def until(condition) -> None:
         time.sleep(0.1)
 
 
+@pytest.mark.real_time
 def test_heights_above_the_ground_are_in_table_details_and_profile(fly, launch, page) -> None:
     with fly(config=over_hills()) as flight:
         launch(flight)
@@ -63,6 +65,7 @@ def test_heights_above_the_ground_are_in_table_details_and_profile(fly, launch, 
         expect(page.locator("#targets")).to_be_visible()
 
 
+@pytest.mark.real_time
 def test_hill_shading_is_drawn_unless_it_is_switched_off(fly, page) -> None:
     with fly(config=over_hills()) as flight:
         page.goto(flight.url)
@@ -73,6 +76,7 @@ def test_hill_shading_is_drawn_unless_it_is_switched_off(fly, page) -> None:
         until(lambda: colours_of_map(page) < 30)
 
 
+@pytest.mark.real_time
 def test_over_flat_ground_the_profile_has_the_layer_and_heights_above_home(fly, launch, page) -> None:
     with fly() as flight:
         launch(flight)

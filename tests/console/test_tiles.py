@@ -62,6 +62,7 @@ def png(*rgb: int) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
 
 
+@pytest.mark.real_time
 def test_tiles_are_drawn_where_they_are_on_the_earth(fly, page, tmp_path):
     """Tiles are red west of a meridian through the mission's area, and blue east of it."""
     zoom, frame = 15, load("prescribed").local_frame
