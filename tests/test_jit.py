@@ -53,7 +53,6 @@ def run(code: str, folder: Path) -> str:
     return done.stdout.strip()
 
 
-@pytest.mark.real_time
 @pytest.mark.parametrize("helper", ["sys.executable", "'/nowhere/python'", "'false'"])
 def test_a_cold_start_caches_everything_even_without_its_helper(tmp_path, helper):
     (tmp_path / "alpha.py").write_text(KERNELS)
@@ -89,7 +88,6 @@ print(one, two, sorted(made), passes["full"])  # "nrt" is the library that count
     assert run("import alpha; print([f(x) for f, x in alpha.warm_up_calls()])", tmp_path) == "[4, 6]"
 
 
-@pytest.mark.real_time
 def test_one_helper_compiles_all_modules_from_the_other_end(tmp_path):
     for name in ("alpha", "beta"):
         (tmp_path / f"{name}.py").write_text(KERNELS)
@@ -124,7 +122,6 @@ def test_a_cold_start_is_announced_and_a_warm_one_is_not(tmp_path):
     assert run(start, tmp_path) == ""
 
 
-@pytest.mark.real_time
 def test_a_check_compiles_nothing_and_a_start_after_an_interrupted_one_is_announced(tmp_path):
     (tmp_path / "alpha.py").write_text(KERNELS)
     check = "from gcs import jit; print(jit.is_cached('alpha'))"
@@ -156,7 +153,6 @@ def test_cached_tracking_kernels_do_not_load_the_compiler():
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.real_time
 def test_a_cache_with_names_that_moved_is_renewed(tmp_path):
     kernels = """
 from gcs.jit import kernel
