@@ -7,8 +7,8 @@ approach straight, or by a base leg as in a traffic pattern. The shortest path w
 clearance and whose forward simulation (`gcs.planning.forward_simulation`) is clear, from before the target to
 the middle of the approach, with the expected turn lag and with half of it.
 
-A vehicle always gets a return route. Without a clear one it gets the best there is, with a warning: that with
-the fewest simulated flights that hit an obstacle.
+A vehicle always gets a return route. Without a clear one it gets the best there is, with a warning: the one
+of whose simulated flights the fewest hit an obstacle.
 """
 
 from __future__ import annotations
