@@ -80,6 +80,8 @@ def fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray,
         by_goal = (is_leg | is_circle) & ~is_late
         low_by = np.minimum(at_once, evenly)
         high_by = np.maximum(at_once_high, evenly_high)
+        goes_on = is_circle & (climb < -f._SINKS_M_S)
+        high_by = np.where(goes_on, np.maximum(high_by, climb * dt), high_by)
         gain = by_goal * dt / (dt + f._CLIMB_LAG_S)
         low_rate = low_rate + gain * (low_by / dt - low_rate)
         high_rate = high_rate + gain * (high_by / dt - high_rate)

@@ -19,7 +19,7 @@ from gcs.core.replanning.replanning_state import ReplanningState
 from gcs.core.state import Agent
 from gcs.core.tasking.upload_latency import DELIVERY_S
 from gcs.mavlink.mission.upload_limits import UploadLimits
-from gcs.model import NS_PER_S, Label
+from gcs.model import NS_PER_S, Label, VehicleState
 from gcs.planning.forward_simulation import Motion, predict_motion
 from gcs.planning.planner_inputs import AgentState, MissionInputs
 
@@ -27,6 +27,20 @@ _LOW_M: Final = 10.0
 """Height below the lowest layer from which a vehicle counts as below the layers."""
 _CLIMB_SLOPE: Final = 0.1
 """Slope at which a vehicle below the layers climbs at least."""
+_CLIMB_LAG_S: Final = 1.5
+"""Half the time constant with which autopilots change the vertical speed (TECS)."""
+_MAX_CLIMB_S: Final = 4.0
+"""Time for which a vehicle climbs or descends on at most, until it flies by a new route."""
+
+
+def begin_height_msl_m(state: VehicleState, delivery_s: float) -> float:
+    """Return the height above sea level at which a vehicle in flight begins a route that it gets later.
+
+    It climbs or descends on until then, and autopilots change the vertical speed with a lag. A long climb may
+    end before, so no more than a few seconds of it count.
+    """
+    return state.alt_msl_m + state.climb_m_s * min(delivery_s + _CLIMB_LAG_S, _MAX_CLIMB_S)
+
 
 
 class RouteStarts:
@@ -117,7 +131,7 @@ class RouteStarts:
             course_rad=turns.course_rad,
             start_delay_s=late_s,
             motion=takes_up,
-            height_msl_m=inputs.heights_msl_m.get(vehicle, self.mission.agents[vehicle].height_msl_m),
+            height_msl_m=self._begin_height_msl_m(vehicle, inputs),
             wind_m_s=self.layers.wind_m_s(vehicle),
             climbs_first=vehicle in inputs.climbing_first and vehicle not in inputs.climbs,
             is_grounded=vehicle in inputs.grounded,
@@ -126,6 +140,13 @@ class RouteStarts:
             home_m=home_m,
             range_m=range_m,
         )
+
+    def _begin_height_msl_m(self, vehicle: int, inputs: PlanningInputs) -> float:
+        """Return the height at which an agent begins a route that is planned now."""
+        state = self._agents[vehicle].perception.motion.state
+        if state is None or vehicle in inputs.climbs or vehicle in inputs.grounded:
+            return inputs.heights_msl_m.get(vehicle, self.mission.agents[vehicle].height_msl_m)
+        return begin_height_msl_m(state, self.delivery_s(vehicle, inputs))
 
     def _expected(self, vehicle: int, inputs: PlanningInputs, more_s: float) -> Motion:
         """Return an agent's motion `more_s` after it got a route that is planned now, or after its climb."""

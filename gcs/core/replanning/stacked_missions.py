@@ -24,6 +24,7 @@ from gcs.core.replanning.mission_inputs import mission_inputs, terrain_of
 from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.replanning.route_crossing import leads_through
+from gcs.core.replanning.route_starts import begin_height_msl_m
 from gcs.core.separation.minima import min_distance_m
 from gcs.core.separation.order_check import OrderCheck
 from gcs.core.separation.predicted_flights import PredictedFlights
@@ -260,5 +261,5 @@ class StackedMissions:
             north_m=north_m,
             course_rad=turns.course_rad,
             motion=predict_motion(self._zones.grid, motion, delivery_s, lag_s),
-            height_msl_m=state.alt_msl_m,
+            height_msl_m=begin_height_msl_m(state, delivery_s),
         )

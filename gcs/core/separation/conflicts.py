@@ -7,7 +7,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from gcs.core.separation.forward_flight import MAX_ROUND_S, Flight, Goal, GoalKind, simulate_flights
+from gcs.core.separation.forward_flight import (
+    MAX_ROUND_S,
+    SLOW_SINK_M_S,
+    Flight,
+    Goal,
+    GoalKind,
+    simulate_flights,
+)
 from gcs.core.separation.look_ahead import LOOK_AHEAD_S, encounters
 from gcs.model import vehicle_name
 
@@ -89,11 +96,10 @@ class Conflicts:
         for other in others if _is_endless(circle) else ():
             if not last and other.goals[0].kind is not GoalKind.CIRCLE:
                 continue
-            is_circling = all(goal.kind is GoalKind.CIRCLE for goal in other.goals)  # a PX4 descends in it
-            theirs = other.goals[-1 if last or is_circling else 0]
+            theirs = other.goals[-1 if last or _is_return(other) else 0]
             if not _is_endless(theirs):
                 continue
-            height_m = abs(circle.height_m - theirs.height_m)
+            height_m = _height_between_m(own, other)
             between_m = math.dist((circle.east_m, circle.north_m), (theirs.east_m, theirs.north_m))
             radius_m = abs(circle.radius_m)
             their_radius_m = abs(theirs.radius_m)
@@ -112,6 +118,41 @@ class Conflicts:
 def nearest_of(conflicts: Sequence[Conflict]) -> float:
     """Return the least nearness; that of vehicles that are clear of each other if there is no conflict."""
     return min((one.nearness for one in conflicts), default=CLEAR)
+
+
+def _height_between_m(own: Flight, other: Flight) -> float:
+    """Return the least difference in height of two vehicles on the circles at the ends of their flights.
+
+    A return that gets there too high descends on the circle, through the height of the other one, if that is
+    there by then.
+    """
+    own_high_m, own_until_s = _descent_on_circle(own)
+    high_m, until_s = _descent_on_circle(other)
+    own_low_m = own.goals[-1].height_m
+    low_m = other.goals[-1].height_m
+    if own.way_s(math.inf) > until_s:
+        high_m = low_m
+    if other.way_s(math.inf) > own_until_s:
+        own_high_m = own_low_m
+    return max(own_low_m - high_m, low_m - own_high_m, 0.0)
+
+
+def _descent_on_circle(flight: Flight) -> tuple[float, float]:
+    """Return how high a vehicle gets to the circle of its return, and when it has descended there.
+
+    One that flies there by a mission is at the height of the circle by then.
+    """
+    circle = flight.goals[-1]
+    at_s = flight.way_s(math.inf)
+    if not _is_return(flight):
+        return circle.height_m, at_s
+    left_m = max(flight.height_m - circle.height_m - SLOW_SINK_M_S * at_s, 0.0)
+    return circle.height_m + left_m, at_s + left_m / SLOW_SINK_M_S
+
+
+def _is_return(flight: Flight) -> bool:
+    """Return True if a vehicle flies straight to a circle; a PX4 descends in it."""
+    return all(goal.kind is GoalKind.CIRCLE for goal in flight.goals)
 
 
 def _is_endless(goal: Goal) -> bool:

@@ -36,6 +36,10 @@ CONVERGENCE_S: Final = 1.5
 """Time constant tau of the approach to a circle: that of L1 guidance with NAVL1_PERIOD 15 to 17 s."""
 CLIMB_M_S: Final = 5.0
 """Vertical speed of a change of height."""
+SLOW_SINK_M_S: Final = 2.5
+"""Vertical speed of a return that descends on its circle (ArduPlane over Davos: 2.6 m/s)."""
+_SINKS_M_S: Final = 1.0
+"""A descent to a circle that has begun goes on as fast, or faster."""
 _MAX_CLIMB_M_S: Final = 7.5
 """Greatest vertical speed of a change of height."""
 _LOW_SPEED_M_S: Final = 1.0
@@ -372,6 +376,8 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
                 up_high = to_height - high
                 low_by = min(min(max(up, -change), change), min(max(up * share, -most), most))
                 high_by = max(min(max(up_high, -change), change), min(max(up_high * share, -most), most))
+                if is_circle and climb < -_SINKS_M_S:
+                    high_by = max(high_by, climb * dt)
                 gain = dt / (dt + _CLIMB_LAG_S)
                 low_rate += gain * (low_by / dt - low_rate)
                 high_rate += gain * (high_by / dt - high_rate)

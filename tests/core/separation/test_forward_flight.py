@@ -55,6 +55,15 @@ def test_a_vehicle_that_joins_a_circle_from_afar_is_on_it_half_a_minute_later():
     assert np.abs(radius_m[30:] - 60.0).max() < 15.0
 
 
+def test_a_descent_on_a_circle_may_go_on_as_slowly_as_it_has_begun():
+    """A vehicle in RTL sank 3 m/s, 5 were predicted: it met one 40 m below that it was to be past (SITL)."""
+    circle = Goal(GoalKind.CIRCLE, 0.0, 0.0, 60.0, 60.0)
+    sinking = flight(place=(0.0, 60.0), course_deg=90.0, goals=[circle], climb_m_s=-3.0)
+    paths = simulate_flights([sinking], 10.0)
+    assert paths.high_m[10, 0] >= 70.0
+    assert paths.low_m[10, 0] <= 65.0
+
+
 @pytest.mark.parametrize("to_m", [160.0, 40.0])
 def test_a_climb_or_descent_that_begins_late_stays_in_the_band(to_m):
     """A vehicle climbed 4 s later than predicted, after a turn, past one that held (58 m and 6 m)."""
