@@ -1,6 +1,7 @@
 """Routes of vehicles in flight over terrain: to other heights before two meet, and none below the band."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from helpers.banked_field import BANKED_FIELD
@@ -9,6 +10,7 @@ from helpers.noticed import noticed
 from helpers.staging import S
 
 from gcs.core.replanning.reasons import of_agent
+from gcs.core.replanning.route_starts import begin_height_msl_m
 from gcs.core.replanning.triggers import Triggers
 from gcs.model import NoticeCode, Order, Plan, Route, read_only
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
@@ -123,3 +125,23 @@ def test_a_new_route_below_the_flight_band_is_no_reason_to_leave_the_flown_one(l
     points_m = read_only([(1500.0, 900.0), (1500.0, 1000.0), (1500.0, 2800.0)])
     new = Route(3, flown.target, points_m, 0.0, heights_msl_m=heights_m)
     assert replanner._kept.is_low(new) is is_low
+
+
+@pytest.mark.parametrize(
+    ("climb_m_s", "delivery_s", "rise_m"),
+    [(0.0, 1.0, 0.0), (3.0, 1.0, 7.5), (-2.0, 1.0, -5.0), (3.0, 20.0, 12.0)],
+)
+def test_a_route_begins_at_the_height_that_the_vehicle_has_when_it_gets_its_mission(
+    climb_m_s, delivery_s, rise_m
+):
+    """Return missions that were ordered in a climb began up to 28 m below their vehicles (ArduPlane SITL)."""
+    run = VirtualRun(parse_scenario(TEXT, "field"), 1)
+    run.run(12.0)
+    state = replace(run.engine.stages.fleet.state(3), alt_msl_m=200.0, climb_m_s=climb_m_s)
+    assert begin_height_msl_m(state, delivery_s) == pytest.approx(200.0 + rise_m)
+    run.engine.state.agents[3].perception.motion.state = state
+    stages = run.engine.stages
+    inputs = stages.planning_inputs.build(run.t_ns, run.t_ns)
+    inputs = replace(inputs, late_s={3: delivery_s - 1.0}, climbs={}, grounded=frozenset())
+    agents = stages.replanner.starts.mission_inputs([3], (), {}, inputs).agents
+    assert agents[3].height_msl_m == pytest.approx(200.0 + rise_m)
