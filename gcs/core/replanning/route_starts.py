@@ -42,7 +42,6 @@ def begin_height_msl_m(state: VehicleState, delivery_s: float) -> float:
     return state.alt_msl_m + state.climb_m_s * min(delivery_s + _CLIMB_LAG_S, _MAX_CLIMB_S)
 
 
-
 class RouteStarts:
     """Makes the planner's inputs from the picture of a mission.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from gcs.core.separation.forward_flight import (
+    CLIMB_M_S,
     MAX_ROUND_S,
     SLOW_SINK_M_S,
     Flight,
@@ -23,6 +24,8 @@ _MAX_STEP_S: Final = 1.0
 """Vehicles that meet head on come nearer by twice their speed in a second."""
 GROWTH_M: Final = 20.0
 """Growth of the minimum distance up to the end of a simulation."""
+_LATE_S: Final = 10.0
+"""Time by which a return may begin its descent late: after a turn, or a climb that it was in."""
 CLEAR: Final = 1.5
 """Nearness without a conflict: the minimum distance grows with the time ahead."""
 
@@ -64,8 +67,9 @@ class Conflicts:
     ) -> Iterator[Conflict]:
         """Yield the vehicles that a flight comes near to, from some time on."""
         for_s = LOOK_AHEAD_S
-        if is_return:  # up to its place, and once round
-            for_s = min(for_s + own.round_s, MAX_ROUND_S)
+        if is_return:  # up to the places of all that return, and once round
+            returns = [own, *filter(_is_return, others)]
+            for_s = min(for_s + max(_round_s(one) for one in returns), MAX_ROUND_S)
         step_s = min(max(for_s / _STEPS, 0.5), _MAX_STEP_S)
         reach_m = own.reach_m(for_s) + margin * self._min_m + GROWTH_M
         place_m = (own.east_m, own.north_m)
@@ -90,7 +94,8 @@ class Conflicts:
     def overlapping(self, own: Flight, others: list[Flight], *, last: bool = False) -> Iterator[Conflict]:
         """Yield the vehicles whose circles overlap the circle at the end of a flight.
 
-        These are circles that they fly now, or with `last` those at the ends of their flights.
+        These are circles that they fly now, or with `last` those at the ends of their flights. A return that
+        leads through the circle at the end of the other flight counts as one, too, with `last`.
         """
         circle = own.goals[-1]
         for other in others if _is_endless(circle) else ():
@@ -106,13 +111,23 @@ class Conflicts:
             apart_m = max(
                 between_m - radius_m - their_radius_m, abs(radius_m - their_radius_m) - between_m, 0.0
             )
-            if apart_m < self._min_m and height_m < self._min_height_m:
-                yield Conflict(
-                    max(apart_m / self._min_m, height_m / self._min_height_m),
-                    f"circle within {apart_m:.0f} m and {height_m:.0f} m in height of the circle of agent "
-                    f"{vehicle_name(other.vehicle)}",
-                    other.vehicle,
-                )
+            if self._is_near(apart_m, height_m):
+                yield self._conflict("circle", apart_m, height_m, "the circle", other)
+            elif last and self._is_near(*(passed := _passes(own, other))):
+                yield self._conflict("fly", *passed, "the circle", other)
+            elif last and self._is_near(*(passed := _passes(other, own))):
+                yield self._conflict("circle", *passed, "the return", other)
+
+    def _is_near(self, apart_m: float, height_m: float) -> bool:
+        return apart_m < self._min_m and height_m < self._min_height_m
+
+    def _conflict(self, does: str, apart_m: float, height_m: float, of: str, other: Flight) -> Conflict:
+        return Conflict(
+            max(apart_m / self._min_m, height_m / self._min_height_m),
+            f"{does} within {apart_m:.0f} m and {height_m:.0f} m in height of {of} of agent "
+            f"{vehicle_name(other.vehicle)}",
+            other.vehicle,
+        )
 
 
 def nearest_of(conflicts: Sequence[Conflict]) -> float:
@@ -146,8 +161,41 @@ def _descent_on_circle(flight: Flight) -> tuple[float, float]:
     at_s = flight.way_s(math.inf)
     if not _is_return(flight):
         return circle.height_m, at_s
-    left_m = max(flight.height_m - circle.height_m - SLOW_SINK_M_S * at_s, 0.0)
+    left_m = max(flight.height_m - circle.height_m - SLOW_SINK_M_S * max(at_s - _LATE_S, 0.0), 0.0)
     return circle.height_m + left_m, at_s + left_m / SLOW_SINK_M_S
+
+
+def _passes(returns: Flight, circling: Flight) -> tuple[float, float]:
+    """Return how near a return leads to the circle of another vehicle that is there by then.
+
+    Returns
+    -------
+    apart_m, height_m : float
+        Least distance from the circle, and difference in height there; infinite if it is not there yet.
+    """
+    if not _is_return(returns):
+        return math.inf, math.inf
+    circle = circling.goals[-1]
+    to_m = (returns.goals[-1].east_m - returns.east_m, returns.goals[-1].north_m - returns.north_m)
+    centre_m = (circle.east_m - returns.east_m, circle.north_m - returns.north_m)
+    length_m = max(math.hypot(*to_m), 1.0)
+    along_m = min(max((to_m[0] * centre_m[0] + to_m[1] * centre_m[1]) / length_m, 0.0), length_m)
+    leg_m = (to_m[0] * along_m / length_m, to_m[1] * along_m / length_m)
+    at_s = returns.time_s(leg_m, 0.0)
+    if at_s + 2.0 * _LATE_S < circling.way_s(math.inf):
+        return math.inf, math.inf
+    apart_m = max(math.dist(leg_m, centre_m) - abs(circle.radius_m), 0.0)
+    change_m = returns.goals[-1].height_m - returns.height_m
+    evenly_m = min(abs(change_m) * along_m / length_m, SLOW_SINK_M_S * max(at_s - _LATE_S, 0.0))
+    at_once_m = min(abs(change_m), CLIMB_M_S * at_s)
+    heights_m = [returns.height_m + math.copysign(by_m, change_m) for by_m in (evenly_m, at_once_m)]
+    return apart_m, max(min(heights_m) - circle.height_m, circle.height_m - max(heights_m), 0.0)
+
+
+def _round_s(flight: Flight) -> float:
+    """Return the time to the circle at the end of a flight, along its legs, and once round it."""
+    circle_m = 2.0 * math.pi * abs(flight.goals[-1].radius_m)
+    return flight.way_s(MAX_ROUND_S) + flight.time_s((0.0, 0.0), circle_m)
 
 
 def _is_return(flight: Flight) -> bool:

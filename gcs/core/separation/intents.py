@@ -56,8 +56,11 @@ _CIRCLE_RADIUS_M: Final = 60.0
 _RETURN_HEIGHT_M: Final = 100.0
 """Default RTL_ALTITUDE of ArduPlane, for a vehicle that did not tell its own."""
 _STRAIGHT_RAD_S: Final = 0.03
-_SETTLED: Final = 0.3
-"""Relative difference of the distance from the centre and the radius of a turn on a circle."""
+_SETTLED: Final = 0.1
+"""Relative difference of the distance from the centre and the radius of a turn on a circle.
+
+Where a vehicle joins it, they differ more.
+"""
 _TANGENT: Final = 0.95
 """Sine of the angle between course and radius on a circle."""
 _MAX_RADIUS_M: Final = 150.0

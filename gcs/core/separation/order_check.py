@@ -126,7 +126,7 @@ class OrderCheck:
         states = flights.states
         others = {v: route for v, route in self.intents.stacked_routes().items() if v in states}
         return [
-            replace(flights.of(v), goals=self._stacked(states[v], route, flights.t_ns).goals[-1:])
+            replace(flights.of(v), goals=self._stacked(states[v], route, flights.t_ns).goals[-2:])
             for v, route in others.items()
             if v != vehicle and v not in leaving
         ]
