@@ -66,11 +66,14 @@ _AGENT_COLUMNS: Final = (
 
 
 class PlainLines:
-    """Prints one line, or one JSON object, for each effect that concerns the operator."""
+    """Prints one line, or one JSON object, for each effect that concerns the operator.
 
-    def __init__(self, console: Console) -> None:
+    Times count from `start_t_ns`, by default the first event.
+    """
+
+    def __init__(self, console: Console, start_t_ns: int | None = None) -> None:
         self._console = console
-        self._start_t_ns: int | None = None
+        self._start_t_ns = start_t_ns
         self._proposals = ProposalLog()
 
     def event(self, event: Event) -> None:
@@ -94,7 +97,10 @@ class PlainLines:
 
 
 class LiveView:
-    """Live view of a run, drawn by rich; it names the address of the console, `page_url`."""
+    """Live view of a run, drawn by rich; it names the address of the console, `page_url`.
+
+    Times count from `start_t_ns`, by default the first event.
+    """
 
     def __init__(
         self,
@@ -103,6 +109,7 @@ class LiveView:
         speed: float,
         links: VehicleLinks | None = None,
         page_url: str = "",
+        start_t_ns: int | None = None,
     ) -> None:
         self._config = config
         self._engine = engine
@@ -110,7 +117,7 @@ class LiveView:
         self._speed = speed
         self._page_url = page_url
         self._log: deque[Text] = deque(maxlen=_LOG_LINES)
-        self._start_t_ns: int | None = None
+        self._start_t_ns = start_t_ns
         self._t_ns = 0
 
     def event(self, event: Event) -> None:

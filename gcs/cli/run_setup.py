@@ -45,17 +45,24 @@ class DisplayedRun(Protocol):
 
 @asynccontextmanager
 async def display(
-    run: DisplayedRun, console: Console, *, speed: float, headless: bool, page_url: str = ""
+    run: DisplayedRun,
+    console: Console,
+    *,
+    speed: float,
+    headless: bool,
+    page_url: str = "",
+    start_t_ns: int | None = None,
 ) -> AsyncIterator[None]:
     """Show a run while the context lasts: a live view in a terminal that can draw, else plain lines.
 
-    The live view names the address of the console, `page_url`.
+    The live view names the address of the console, `page_url`. Times count from `start_t_ns`, by default the
+    first event.
     """
     if headless or not console.is_terminal or console.is_dumb_terminal:
-        run.sinks.append(PlainLines(console))
+        run.sinks.append(PlainLines(console, start_t_ns))
         yield
         return
-    view = LiveView(run.config, run.engine, speed, run.links, page_url)
+    view = LiveView(run.config, run.engine, speed, run.links, page_url, start_t_ns)
     run.sinks.append(view)
     with Live(
         Printable(view), console=console, screen=True, auto_refresh=False, vertical_overflow="crop"

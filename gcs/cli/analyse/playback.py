@@ -264,7 +264,14 @@ async def _display(
         replay.playback.stays_at_end = options.page.is_asked_for
     page = replay_page(replay, options.page, console, options.file) if has_page else nullcontext("")
     with page as url:
-        async with display(replay, console, speed=speed, headless=options.headless, page_url=url):
+        async with display(
+            replay,
+            console,
+            speed=speed,
+            headless=options.headless,
+            page_url=url,
+            start_t_ns=replay.start_t_ns,
+        ):
             yield
 
 
