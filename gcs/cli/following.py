@@ -41,7 +41,7 @@ def address_of(
     """
     if connect is not None:
         return connect, mission, tls
-    found = choose_service(mission, None, tls)
+    found = choose_service(mission, None, tls, "--connect")
     return found.zenoh, found.mission, found.tls
 
 

@@ -78,8 +78,8 @@ def running_services() -> list[ServiceInfo]:
     return found
 
 
-def find_service(mission: str | None) -> ServiceInfo:
-    """Return the one running service, or the one of a mission.
+def find_service(mission: str | None, option: str) -> ServiceInfo:
+    """Return the one running service, or the one of a mission; errors name the `option` of an endpoint.
 
     Raises
     ------
@@ -91,19 +91,21 @@ def find_service(mission: str | None) -> ServiceInfo:
         return found[0]
     if found:
         names = ", ".join(f"{one.mission} at {one.zenoh}" for one in found)
-        raise LinkError("gcs", f"several services run here ({names}): choose by --mission and --zenoh")
+        raise LinkError("gcs", f"several services run here ({names}): choose by --mission and {option}")
     what = "no service" if mission is None else f"no service of the mission {mission}"
     raise NoAnswerError(
         "gcs",
         f"{what} runs on this machine: start `gcs run` or `gcs demo`, or name another machine's with "
-        "--mission NAME --zenoh tls/HOST:PORT",
+        f"--mission NAME {option} tls/HOST:PORT",
     )
 
 
-def choose_service(mission: str | None, zenoh: str | None, tls: Path | None) -> ServiceAddress:
+def choose_service(
+    mission: str | None, zenoh: str | None, tls: Path | None, option: str = "--zenoh"
+) -> ServiceAddress:
     """Return the address of a service: the given one, else that of the service on this machine.
 
-    There its own certificate is used, unless another one is given.
+    There its own certificate is used, unless another one is given. Errors name the `option` of an endpoint.
 
     Raises
     ------
@@ -111,7 +113,7 @@ def choose_service(mission: str | None, zenoh: str | None, tls: Path | None) -> 
         There is none, or more than one, or an endpoint is given without a mission.
     """
     if zenoh is None:
-        found = find_service(mission)
+        found = find_service(mission, option)
         own = Path(found.zenoh_tls) if found.zenoh_tls else None
         return ServiceAddress(found.mission, found.zenoh, tls or own)
     if mission is None:
