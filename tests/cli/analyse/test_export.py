@@ -131,8 +131,15 @@ def test_a_log_has_its_flown_paths(flight: Path, tmp_path: Path) -> None:
 
 
 def test_the_kml_can_begin_a_mission_file(files: Path, tmp_path: Path) -> None:
-    result = CliRunner().invoke(app, ["init", str(files / "run.kml"), "-o", str(tmp_path / "m.toml")])
+    """An ellipse of a target would be a no-fly zone around its birth, and a loss the start of a vehicle."""
+    made = tmp_path / "m.toml"
+    result = CliRunner().invoke(app, ["init", str(files / "run.kml"), "-o", str(made)])
     assert result.exit_code == 0, result.output
+    config = parse(made.read_text(), "m.toml")
+    assert len(config.births) == 5
+    assert not config.fence.areas
+    assert "'vehicle 2 lost' is left out" in result.output
+    assert "# vehicle 2 lost" not in made.read_text()
 
 
 @pytest.mark.parametrize(

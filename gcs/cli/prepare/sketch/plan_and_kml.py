@@ -168,7 +168,8 @@ def _place(lat_deg: float, lon_deg: float, source: str, key: str) -> Place:
 def read_kml(path: Path) -> Sketch:
     """Read KML: points become targets, or starts when their name begins with "agent" or "vehicle".
 
-    One polygon becomes the inclusion area (`_choose_boundary`), the others become exclusion areas.
+    One polygon becomes the inclusion area (`_choose_boundary`), the others become exclusion areas. Losses of
+    `gcs export`, and its ellipses of targets, are left out.
 
     Raises
     ------
@@ -191,9 +192,14 @@ def read_kml(path: Path) -> Sketch:
     sketch = Sketch()
     paths = 0
     for placemark in (one for one in root.iter() if _tag(one) == "Placemark"):
-        name = next((one.text or "" for one in placemark if _tag(one) == "name"), "").strip()[:60]
+        name = _text_in(placemark, "name")[:60]
+        style = _text_in(placemark, "styleUrl")
         for shape in placemark.iter():
             match _tag(shape):
+                case "Point" if style == "#loss":
+                    sketch.notes.append(f"{name!r} is left out: it is no start")
+                case "Polygon" if style == "#target":
+                    sketch.notes.append(f"the ellipse of {name!r} is left out: it is no area of a fence")
                 case "Point":
                     _add_point(name, _coordinates(shape, name, source), sketch, source)
                 case "Polygon":
@@ -230,6 +236,11 @@ class _Tree(ET.TreeBuilder):
 def _tag(element: ET.Element) -> str:
     """Return the name of an element without its namespace."""
     return element.tag.rpartition("}")[2] if isinstance(element.tag, str) else ""
+
+
+def _text_in(element: ET.Element, tag: str) -> str:
+    """Return the text of a part of an element; an empty text if it has none."""
+    return next((one.text or "" for one in element if _tag(one) == tag), "").strip()
 
 
 def _add_point(name: str, places: list[Place], sketch: Sketch, source: str) -> None:
