@@ -37,3 +37,4 @@ false = rng.uniform([0, *box.min(0), 0], [scans, *box.max(0), 0], (rng.poisson(5
 false[:, 0] //= 1.0
 np.savez(out, meas=np.vstack([real, false]), truth=truth)
 print(f"{len(reports)} objects, {scans} scans, {len(real)} detections of them")
+print(f"region_m = {[float(x) for x in (*box.min(0).round(), *box.max(0).round())]}  # for the model")

@@ -74,9 +74,8 @@ REPORTS = "time,mmsi,lat,lon\n" + "".join(
 def test_reports_of_traffic_become_detections_that_can_be_scored(tmp_path: Path) -> None:
     (tmp_path / "reports.csv").write_text(REPORTS)
     (model,) = re.findall(r"^```toml\n(dt_s = 10\.0\n.*?)^```$", TRACKING, re.MULTILINE | re.DOTALL)
-    model = re.sub(r"(?m)^region_m = .*$", "region_m = [-31e3, -43e3, 31e3, 43e3]", model)
-    (tmp_path / "model.toml").write_text(model)
     shown = run("traffic_to_npz.py", "reports.csv", "set.npz", "time", "mmsi", "lat", "lon", cwd=tmp_path)
+    (tmp_path / "model.toml").write_text(re.sub(r"(?m)^region_m = .*$", shown.splitlines()[1], model))
     assert shown.startswith("2 objects, 39 scans, ")
     words = ["track", "set.npz", "--model", "model.toml", "--cutoff-m", "2000", "--json"]
     command = [sys.executable, "-m", "gcs", *words]

@@ -40,7 +40,9 @@ def run(
     seed: MapSeedOption = 1,
     headless: HeadlessOption = False,
     log_format: LogFormatOption = LogFormat.TEXT,
-    out: Annotated[Path | None, typer.Option(help="Folder for the recording.  [default: runs/NAME]")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the recording.  [default: runs/NAME-TIME]")
+    ] = None,
     resume: Annotated[
         bool | None,
         typer.Option(
