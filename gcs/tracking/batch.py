@@ -252,7 +252,7 @@ def track(
 def track_scans(
     scans: Iterable[SensorScan],
     model: TrackingModel,
-    estimator: Estimator,
+    estimator: Estimator = "smoothed",
     lag_scans: int | None = None,
     on_scan: Callable[[], object] = lambda: None,
 ) -> TrackSet:

@@ -19,7 +19,16 @@ from stonesoup.tracker.base import Tracker
 from stonesoup.types.detection import Detection
 from stonesoup.types.state import State
 
-from gcs.tracking import GlmbParams, Sensor, TrackingModel, Trajectory, linear_measurement, ospa, track
+from gcs.tracking import (
+    GlmbParams,
+    Sensor,
+    TrackingModel,
+    Trajectory,
+    linear_measurement,
+    ospa,
+    track,
+    track_scans,
+)
 from gcs.tracking.stonesoup_adapter import (
     StoneSoupTracker,
     positions_m,
@@ -144,6 +153,15 @@ def test_the_parts_of_a_set_share_clutter_and_detection_probability(density):
     own = replace(linear_measurement("ais", 0.9, 0.01, np.eye(2, 4), np.eye(2)), clutter_density=density)
     share = to_scans(collected((50.0, 5.0), minutes=2), own)[0].sensor.clutter_density
     assert (share(np.zeros((1, 2)))[0] if callable(share) else share) == 0.005
+
+
+def test_scans_of_a_detector_are_tracked_as_its_arrays_are_by_default(scans):
+    detector = to_detections(scans, TIMES_S)
+    found = track_scans(to_scans(detector, RADAR), MODEL).trajectories
+    expected = track(*to_arrays(detector), RADAR, MODEL).trajectories
+    assert len(found) == len(expected) >= 2
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one.mean, other.mean)
 
 
 def test_a_gap_in_a_trajectory_makes_two_tracks_of_one_id():
