@@ -78,7 +78,7 @@ def running_services() -> list[ServiceInfo]:
     return found
 
 
-def find_service(mission: str | None, option: str) -> ServiceInfo:
+def find_service(mission: str | None, option: str = "--zenoh") -> ServiceInfo:
     """Return the one running service, or the one of a mission; errors name the `option` of an endpoint.
 
     Raises
