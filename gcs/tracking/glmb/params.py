@@ -142,6 +142,24 @@ class GlmbParams:
         )
 
 
+def _stacked(arrays: Sequence[FloatArray]) -> FloatArray:
+    """Return arrays of one shape as one array; an empty one if they cannot be stacked."""
+    try:
+        return np.array(arrays, dtype=np.float64)
+    except ValueError:
+        return np.empty(0)
+
+
+def _shape_error(births: Sequence[Birth], d: int) -> ValueError:
+    """Return the error of the first birth of another shape than d states."""
+    expected = ((d,), (d, d))
+    for i, birth in enumerate(births):
+        shapes = (np.shape(birth.mean), np.shape(birth.cov))
+        if shapes != expected:
+            return ValueError(f"births[{i}]: expected mean and cov of shapes {expected}, got {shapes}")
+    return ValueError("births: expected mean and cov of numbers")
+
+
 class BirthComponents(NamedTuple):
     """Birth components as arrays, all float64."""
 
@@ -163,16 +181,10 @@ class BirthComponents(NamedTuple):
         ValueError
             A birth has another shape.
         """
-        for i, birth in enumerate(births):
-            shapes = (np.shape(birth.mean), np.shape(birth.cov))
-            if shapes != ((d,), (d, d)):
-                raise ValueError(
-                    f"births[{i}]: expected mean and cov of shapes {((d,), (d, d))}, got {shapes}"
-                )
+        n = len(births)
+        mean = _stacked([birth.mean for birth in births])
+        cov = _stacked([birth.cov for birth in births])
+        if n and (mean.shape != (n, d) or cov.shape != (n, d, d)):
+            raise _shape_error(births, d)
         probability = np.clip([birth.probability for birth in births], 1.0 - SURE, SURE)
-        return cls(
-            np.array([birth.mean for birth in births], dtype=np.float64).reshape(-1, d),
-            np.array([birth.cov for birth in births], dtype=np.float64).reshape(-1, d, d),
-            np.log(probability),
-            np.log1p(-probability),
-        )
+        return cls(mean.reshape(-1, d), cov.reshape(-1, d, d), np.log(probability), np.log1p(-probability))
