@@ -34,6 +34,7 @@ def test_a_service_without_a_console_has_the_metrics_of_one(fly):
             lines = text_of(url)
             assert 'swarm_gcs_vehicle_armed{vehicle="3"} 0' in lines
             assert "swarm_gcs_service_up 1" in lines
+            assert not [line for line in lines if line.endswith(" -0")]
             assert {line.split("{")[0].split()[0] for line in lines if line[0] != "#"} == names
             for path in ("", "api/status", "api/orders", "feed"):
                 with pytest.raises(urllib.error.HTTPError, match="404"):

@@ -64,7 +64,7 @@ def _gauge(name: str, text: str, rows: Iterable[tuple[str, float | None]]) -> It
     yield f"# TYPE swarm_gcs_{name} gauge"
     for labels, value in rows:
         if value is not None:
-            yield f"swarm_gcs_{name}{labels} {value:g}"
+            yield f"swarm_gcs_{name}{labels} {value + 0.0:g}"  # no -0
 
 
 def _escaped(text: str) -> str:
