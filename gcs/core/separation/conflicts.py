@@ -104,18 +104,17 @@ class Conflicts:
             theirs = other.goals[-1 if last or _is_return(other) else 0]
             if not _is_endless(theirs):
                 continue
-            height_m = _height_between_m(own, other)
             between_m = math.dist((circle.east_m, circle.north_m), (theirs.east_m, theirs.north_m))
             radius_m = abs(circle.radius_m)
             their_radius_m = abs(theirs.radius_m)
             apart_m = max(
                 between_m - radius_m - their_radius_m, abs(radius_m - their_radius_m) - between_m, 0.0
             )
-            if self._is_near(apart_m, height_m):
+            if apart_m < self._min_m and self._is_near(apart_m, height_m := _height_between_m(own, other)):
                 yield self._conflict("circle", apart_m, height_m, "the circle", other)
-            elif last and self._is_near(*(passed := _passes(own, other))):
+            elif last and self._is_near(*(passed := _passes(own, other, self._min_m))):
                 yield self._conflict("fly", *passed, "the circle", other)
-            elif last and self._is_near(*(passed := _passes(other, own))):
+            elif last and self._is_near(*(passed := _passes(other, own, self._min_m))):
                 yield self._conflict("circle", *passed, "the return", other)
 
     def _is_near(self, apart_m: float, height_m: float) -> bool:
@@ -165,13 +164,14 @@ def _descent_on_circle(flight: Flight) -> tuple[float, float]:
     return circle.height_m + left_m, at_s + left_m / SLOW_SINK_M_S
 
 
-def _passes(returns: Flight, circling: Flight) -> tuple[float, float]:
+def _passes(returns: Flight, circling: Flight, min_m: float) -> tuple[float, float]:
     """Return how near a return leads to the circle of another vehicle that is there by then.
 
     Returns
     -------
     apart_m, height_m : float
-        Least distance from the circle, and difference in height there; infinite if it is not there yet.
+        Least distance from the circle, and difference in height there; infinite if it is `min_m` or more, or
+        the vehicle is not there yet.
     """
     if not _is_return(returns):
         return math.inf, math.inf
@@ -181,10 +181,10 @@ def _passes(returns: Flight, circling: Flight) -> tuple[float, float]:
     length_m = max(math.hypot(*to_m), 1.0)
     along_m = min(max((to_m[0] * centre_m[0] + to_m[1] * centre_m[1]) / length_m, 0.0), length_m)
     leg_m = (to_m[0] * along_m / length_m, to_m[1] * along_m / length_m)
-    at_s = returns.time_s(leg_m, 0.0)
-    if at_s + 2.0 * _LATE_S < circling.way_s(math.inf):
-        return math.inf, math.inf
     apart_m = max(math.dist(leg_m, centre_m) - abs(circle.radius_m), 0.0)
+    at_s = returns.time_s(leg_m, 0.0)
+    if apart_m >= min_m or at_s + 2.0 * _LATE_S < circling.way_s(math.inf):
+        return math.inf, math.inf
     change_m = returns.goals[-1].height_m - returns.height_m
     evenly_m = min(abs(change_m) * along_m / length_m, SLOW_SINK_M_S * max(at_s - _LATE_S, 0.0))
     at_once_m = min(abs(change_m), CLIMB_M_S * at_s)
