@@ -142,7 +142,13 @@ class Standby:
             with contextlib.suppress(WireError):
                 on_loop(loop, self._take_batch, decode_batch(key, payload))
 
-        self._bus.subscribe(events_key(self._mission), on_batch)
+        end = self._bus.subscribe(events_key(self._mission), on_batch)
+        try:
+            return await self._until_gone(lease, stop)
+        finally:
+            end()  # a node that commands would take itself for its standby
+
+    async def _until_gone(self, lease: Lease, stop: asyncio.Event) -> TakeOver | None:
         while not stop.is_set() and not self._has_ended:
             self._take_state()
             while self._batches and self._number is not None:

@@ -14,7 +14,8 @@ from gcs.core.engine import Engine
 from gcs.core.snapshot import encode_state
 from gcs.io.cluster.bridge_messages import ClockTime
 from gcs.io.cluster.event_log import EventBatch, StateReply, encode, packed
-from gcs.io.zenoh.session import ZenohSession
+from gcs.io.zenoh.key_expressions import events_key
+from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.model import NS_PER_S, NoticeContent, Tick
 from gcs.service.standby import Standby
 
@@ -34,8 +35,9 @@ class Bus:
         self.passed_s = 0.0
         """Time that the messages took."""
 
-    def subscribe(self, _key: str, callback: Callable[[str, bytes], None]) -> None:
+    def subscribe(self, _key: str, callback: Callable[[str, bytes], None]) -> Callable[[], None]:
         self.on_batch = callback
+        return lambda: None
 
     def ask(
         self,
@@ -107,6 +109,25 @@ def test_a_silent_command_is_replaced_and_its_bridge_looked_after() -> None:
     asyncio.run(follow(Bus(), bridge, 2.0 * LEASE_S + 0.5, hears_command=False))
     assert bridge.asks > 0
     assert bridge.starts > 0
+
+
+class RealBus(Bus):
+    """As `Bus`, with the subscriptions of a real session."""
+
+    def __init__(self, session: ZenohSession) -> None:
+        super().__init__()
+        self._session = session
+
+    def subscribe(self, key: str, callback: Callable[[str, bytes], None]) -> Callable[[], None]:
+        return self._session.subscribe(key, callback)
+
+
+def test_a_node_that_took_over_is_not_its_own_standby() -> None:
+    """It told that a standby follows, and never warned that none does."""
+    with ZenohSession(listen=free_endpoint()) as session:
+        standby = Standby(CONFIG, 1, cast(ZenohSession, RealBus(session)), "f", lambda _: None)
+        assert asyncio.run(standby.follow(FreeBridge(), asyncio.Event())) is not None
+        assert not session.is_subscribed(events_key(CONFIG.name))
 
 
 @pytest.mark.parametrize("way_s", [0.0, 0.8])

@@ -213,9 +213,10 @@ class _Flight:
         if not bus.is_subscribed(key):
             return False
         heard = asyncio.Event()
-        bus.subscribe(key, lambda *_: on_loop(loop, heard.set))
+        end = bus.subscribe(key, lambda *_: on_loop(loop, heard.set))
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(heard.wait(), _GIVE_WAY_S)
+        end()
         return heard.is_set()
 
     async def _follow(self, bus: ZenohSession, stop: asyncio.Event) -> TakeOver | None:
@@ -226,7 +227,7 @@ class _Flight:
         self._say(f"standby of {other}; Ctrl-C ends it")
         taken = await standby.follow(self.links, stop)
         if taken is None:
-            self._say("command has ended")
+            self._say("ends" if stop.is_set() else "command has ended")
         elif taken.is_newest:
             self._say("takes over")
         else:

@@ -111,8 +111,10 @@ class ZenohSession:
             self._publishers[key] = publisher
         return publisher
 
-    def subscribe(self, key_expr: str, callback: Callable[[str, bytes], None]) -> None:
+    def subscribe(self, key_expr: str, callback: Callable[[str, bytes], None]) -> Callable[[], None]:
         """Call `callback(key, payload)` for each message on matching keys, on a thread of zenoh.
+
+        Return a function that ends this.
 
         Raises
         ------
@@ -126,7 +128,15 @@ class ZenohSession:
 
         with self._link_errors("subscribe to", key_expr):
             self._check_right("subscribe", "subscribe to", key_expr)
-            self._subscribers.append(self._session.declare_subscriber(key_expr, handle))
+            subscriber = self._session.declare_subscriber(key_expr, handle)
+        self._subscribers.append(subscriber)
+
+        def end() -> None:
+            self._subscribers.remove(subscriber)
+            with self._link_errors("subscribe to", key_expr):
+                subscriber.undeclare()
+
+        return end
 
     def answer(self, key_expr: str, callback: Callable[[str, bytes, Callable[[bytes], None]], None]) -> None:
         """Call `callback(key, payload, reply)` for each query of `ask`, on a thread of zenoh.
