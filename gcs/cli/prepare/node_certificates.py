@@ -59,7 +59,7 @@ def make_node_certificate(
         folder = make_node(ca, name, role, host or [], days)
     _say(f"{folder}: certificate {folder.name} made, valid for {days} days. Copy this folder to its machine.")
     nodes = ca / "nodes.toml"
-    _say(f"{nodes} lists it: command nodes need a copy of that file in their folders, and a new start.")
+    _say(f"{nodes} lists it: command nodes and bridges need a copy of that file, and a new start.")
 
 
 def _say(text: str) -> None:

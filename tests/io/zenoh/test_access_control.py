@@ -210,7 +210,6 @@ def test_central_command_of_another_authority_is_refused(hub: ZenohSession, tmp_
 @pytest.mark.real_time
 def test_a_node_cannot_pose_as_central_command(keys: dict[str, Path]) -> None:
     endpoint = free_endpoint("tls")
-    shutil.copy(keys["hub"] / "nodes.toml", keys["mast"])
     for name in ("radar-1", "vic", "anna", "mast"):
         with (
             ZenohSession(listen=endpoint, tls=keys[name]) as impostor,
@@ -227,9 +226,12 @@ def test_a_bridge_that_listens_obeys_command_alone(tmp_path: Path) -> None:
     anna = make_node(tmp_path, "anna", "operator", [], 30)
     mast = make_node(tmp_path, "mast", "bridge", ["localhost"], 30)
     endpoint = free_endpoint("tls")
+    listed = mast / "nodes.toml"
+    text = listed.read_text()
+    listed.unlink()
     with pytest.raises(ConfigError, match=r"nodes\.toml"):
         ZenohSession(listen=endpoint, tls=mast)
-    shutil.copy(command / "nodes.toml", mast)
+    listed.write_text(text)
     with ZenohSession(listen=endpoint, tls=mast) as bridge, hostile(bridge, anna) as operator:
         found = heard(bridge._session, KEYS)
         for _ in range(5):
