@@ -165,13 +165,18 @@ def rotate(
         keys, vehicles = _keys_and_vehicles(file, vehicle)
         old = {v: _key_of(keys, v, endpoint) for v in vehicles}
         _confirm(console, endpoint, yes=yes)
+        new = {v for v in vehicles if v not in keys.pending}
         common = secrets.token_bytes(32)
         for one in vehicles:
             keys.pending.setdefault(one, common if shared else secrets.token_bytes(32))
         keys.save()
         wanted = [KeyInstallation(v, keys.pending[v], old[v]) for v in vehicles]
         results = _install(keys, endpoint, wanted, timeout, console)
-    unsure = [_name(result.vehicle) for result in results if not result.ok]
+        for result in results:
+            if result.vehicle in new and not (result.ok or result.sent):
+                del keys.pending[result.vehicle]  # no vehicle has this key
+        keys.save()
+    unsure = [_name(result.vehicle) for result in results if result.vehicle in keys.pending]
     if unsure:
         console.print(
             f"[bold yellow]not finished for {', '.join(unsure)}:[/] such a vehicle may have either key. "

@@ -90,6 +90,17 @@ def test_no_key_is_sent_over_a_link_that_is_not_marked_secure(tmp_path: Path):
     assert "--yes" in refused.output
 
 
+def test_a_rotation_that_sent_nothing_changes_nothing(tmp_path: Path):
+    """The vehicle was said to have either key, and a service rejected its frames."""
+    file = tmp_path / "keys.toml"
+    keys("new", file, "-v", 3)
+    before = file.read_text()
+    unheard = keys("rotate", file, f"udpin:127.0.0.1:{free_port()}", "--yes", "--timeout", 0.5)
+    assert unheard.exit_code == 1
+    assert "not finished" not in unheard.output
+    assert file.read_text() == before
+
+
 @pytest.mark.real_time
 def test_a_vehicle_gets_its_key_and_another_even_when_that_broke_off_before(tmp_path: Path, plane: str):
     file = tmp_path / "keys.toml"
@@ -98,10 +109,14 @@ def test_a_vehicle_gets_its_key_and_another_even_when_that_broke_off_before(tmp_
     given = keys("install", file, plane, "--yes", "--json")
     assert given.exit_code == 0, given.output
     assert json.loads(given.stdout.splitlines()[-1])["vehicles"][0]["ok"] is True
-    broken = keys("rotate", file, f"udpin:127.0.0.1:{free_port()}", "--yes", "--timeout", 0.5)
-    assert broken.exit_code == 1
-    assert "not finished" in broken.output
-    second = read_keys(file).pending[3]
+    broken_off = read_keys(file)
+    second = broken_off.pending[3] = bytes(range(32))
+    broken_off.save()
+    nowhere = f"udpin:127.0.0.1:{free_port()}"
+    again = keys("rotate", file, nowhere, "--yes", "--timeout", 0.5)
+    assert again.exit_code == 1
+    assert "not finished" in again.output
+    assert read_keys(file).pending == {3: second}, "the vehicle may have it from before"
     assert keys("install", file, plane, "--yes").exit_code == 2, "it says what to do first"
     rotated = keys("rotate", file, plane, "--yes")
     assert rotated.exit_code == 0, rotated.output
