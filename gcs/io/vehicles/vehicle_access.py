@@ -66,7 +66,7 @@ def vehicle_access(config: Config, link: str | None, *, writes: bool) -> Vehicle
         for one in config.mavlink_links:
             if one.role == role and one.endpoint.listens and one.endpoint.port:
                 endpoints.setdefault(one.network, one)
-    for network in sorted({one.network for one in config.mavlink_links if one.role == "vehicles"}):
+    for network in sorted({agent.network for agent in config.agents}):
         if network not in endpoints:
             raise LinkError("gcs run", _missing(service, network, writes))
     return VehicleAccess(
