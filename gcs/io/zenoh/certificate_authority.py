@@ -115,9 +115,7 @@ def make_node(ca: Path, name: str, role: Role, hosts: Sequence[str], days: int) 
 def _save_nodes(ca: Path, nodes: dict[str, Role]) -> None:
     """Write `nodes.toml` of the CA and of the command nodes and bridges beside it."""
     text = _NODES_HEAD + "".join(f'{name} = "{role}"\n' for name, role in sorted(nodes.items()))
-    readers = [
-        ca / common_name(role, name) for name, role in nodes.items() if role in ("command", "bridge")
-    ]
+    readers = [ca / common_name(role, name) for name, role in nodes.items() if role in ("command", "bridge")]
     for folder in (ca, *(one for one in readers if one.is_dir())):
         _write(folder, {NODES: text.encode()})
 

@@ -134,7 +134,7 @@ class ZenohSession:
         def end() -> None:
             self._subscribers.remove(subscriber)
             with self._link_errors("subscribe to", key_expr):
-                subscriber.undeclare()
+                subscriber.undeclare()  # type: ignore[no-untyped-call]  # as `close`
 
         return end
 
