@@ -217,6 +217,10 @@ def test_a_standby_takes_over_the_bridge_that_was_started_again(flight: Flight, 
     flight.run.until_told("first", NoticeCode.BRIDGE_ENDED)
     flight.wait_for_heartbeats()
     (bridge,) = bridges(tmp_path)
+    until_s = time.monotonic() + 10.0
+    while not any(f'"pid":{bridge.pid},' in one.read_text() for one in tmp_path.rglob("*.json")):
+        assert time.monotonic() < until_s, "the bridge was not noted for other nodes"
+        time.sleep(0.05)
     first.kill()
     flight.run.until("second", lambda said: "takes over" in said, 10.0)
     time.sleep(3.0)
