@@ -31,6 +31,8 @@ _CLIMB_LAG_S: Final = 1.5
 """Half the time constant with which autopilots change the vertical speed (TECS)."""
 _MAX_CLIMB_S: Final = 4.0
 """Time for which a vehicle climbs or descends on at most, until it flies by a new route."""
+_MAX_CLIMB_M_S: Final = 10.0
+"""Vertical speed of which no more counts: reports are not checked for it."""
 
 
 def begin_height_msl_m(state: VehicleState, delivery_s: float) -> float:
@@ -39,7 +41,8 @@ def begin_height_msl_m(state: VehicleState, delivery_s: float) -> float:
     It climbs or descends on until then, and autopilots change the vertical speed with a lag. A long climb may
     end before, so no more than a few seconds of it count.
     """
-    return state.alt_msl_m + state.climb_m_s * min(delivery_s + _CLIMB_LAG_S, _MAX_CLIMB_S)
+    climb_m_s = min(max(state.climb_m_s, -_MAX_CLIMB_M_S), _MAX_CLIMB_M_S)
+    return state.alt_msl_m + climb_m_s * min(delivery_s + _CLIMB_LAG_S, _MAX_CLIMB_S)
 
 
 class RouteStarts:

@@ -129,7 +129,7 @@ def test_a_new_route_below_the_flight_band_is_no_reason_to_leave_the_flown_one(l
 
 @pytest.mark.parametrize(
     ("climb_m_s", "delivery_s", "rise_m"),
-    [(0.0, 1.0, 0.0), (3.0, 1.0, 7.5), (-2.0, 1.0, -5.0), (3.0, 20.0, 12.0)],
+    [(0.0, 1.0, 0.0), (3.0, 1.0, 7.5), (-2.0, 1.0, -5.0), (3.0, 20.0, 12.0), (-300.0, 1.0, -25.0)],
 )
 def test_a_route_begins_at_the_height_that_the_vehicle_has_when_it_gets_its_mission(
     climb_m_s, delivery_s, rise_m
