@@ -35,10 +35,12 @@ Positions are local east/north metres; altitudes are metres above the local fram
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from gcs.geo import wrap_pi
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.announcements import Announcer
 from sim_vehicles.autopilots.autopilot_states import ITEM_NAMES, Home, ItemReached, MissionState, StatusText
@@ -65,6 +67,10 @@ _MIN_CLIMB_SLOPE_M = 20.0
 _ALT_REACHED_M = 1.0
 _ON_CIRCLE = 1.3
 """A timed loiter begins within this many radii of its centre."""
+_OUTSIDE_CIRCLE = 1.05
+"""Distance of the next item from the centre of a circle, in radii, from which a vehicle can head for it."""
+_LINED_UP_RAD = math.radians(10.0)
+_TURN_RAD = 2.0 * math.pi
 _GLIDE_SPEED = 0.5
 """Of the cruising speed, without thrust."""
 _DIVE_M_S = 18.0
@@ -508,7 +514,8 @@ class Autopilot:
         elif item.command == mavlink.MAV_CMD_NAV_LOITER_TIME and isinstance(goal, Circle):
             is_there = goal.distance_m(airframe) <= _ON_CIRCLE * abs(goal.radius_m)
             self._circled_checks += is_there or self._circled_checks > 0
-            if self._circled_checks * _CHECK_NS >= item.param1 * NS_PER_S:
+            over_s = self._circled_checks * _CHECK_NS / NS_PER_S - item.param1
+            if over_s >= 0.0 and self._leaves_circle(item, goal, over_s):
                 self._next_item()
         elif isinstance(goal, ToPoint):
             if item.command == mavlink.MAV_CMD_NAV_LAND:
@@ -518,6 +525,26 @@ class Autopilot:
                 self.alt_command_m = min(self.alt_command_m, glide_m)
             if goal.is_reached(airframe):
                 self._waypoint_reached(item, goal)
+
+    def _leaves_circle(self, item: Item, circle: Circle, over_s: float) -> bool:
+        """Return True if a vehicle whose timed loiter is over leaves its circle: its course is to the next item.
+
+        The tolerance grows with each turn (`ModeLoiter::isHeadingLinedUp`).
+        """
+        turns = over_s * self.airframe.speed_m_s / (_TURN_RAD * abs(circle.radius_m))
+        return self._is_lined_up(circle, _LINED_UP_RAD * (1 + int(turns)))
+
+    def _is_lined_up(self, circle: Circle, tolerance_rad: float) -> bool:
+        """Return True if the course leads to the next item, or if that is no farther away than the circle."""
+        if self.seq + 1 >= len(self.mission):
+            return True
+        airframe = self.airframe
+        east_m, north_m = self._place(self.mission[self.seq + 1])
+        away_m = math.hypot(east_m - circle.east_m, north_m - circle.north_m)
+        if away_m <= _OUTSIDE_CIRCLE * abs(circle.radius_m):
+            return True
+        bearing = math.atan2(east_m - airframe.east_m, north_m - airframe.north_m)
+        return abs(wrap_pi(bearing - airframe.course_rad)) <= tolerance_rad
 
     def _waypoint_reached(self, item: Item, goal: ToPoint) -> None:
         distance_m = goal.distance_m(self.airframe)

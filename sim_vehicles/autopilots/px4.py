@@ -9,6 +9,7 @@ Observed on PX4 1.17-dev (SIH airplane), and read in its navigator:
 - A mission that is stored in AUTO is flown at once, from the present position.
 - A take-off flies towards its place while it climbs. When a mission is begun in the air, and its first point
   is more than NAV_FW_ALT_RAD higher, it climbs in a circle where it is, to within NAV_FW_ALT_RAD.
+- It leaves a timed loiter towards the next item if the item asks for that heading (param2), else at once.
 - Set to Hold on a circle it keeps that circle, and its height.
 - Altitude is linear along a leg that begins at an item (first-order hold), up to NAV_LOITER_RAD before its
   end. Elsewhere the command is the item's altitude at once.
@@ -46,6 +47,7 @@ _ALT_RADIUS_M = 10.0
 """NAV_FW_ALT_RAD."""
 _ON_CIRCLE = 1.3
 """Distance from the centre of a circle, in radii, within which a vehicle has reached it."""
+_LINED_UP_RAD = math.radians(5.0)
 _TAKE_OFF = 1
 _LANDING = 2
 _BOTH = 3
@@ -275,6 +277,9 @@ class Px4Autopilot(Autopilot):
         self._item = None
         self._circle_here()
         self.alt_command_m = alt_m
+
+    def _leaves_circle(self, item: Item, circle: Circle, over_s: float) -> bool:
+        return item.param2 <= 0.0 or self._is_lined_up(circle, _LINED_UP_RAD)
 
     def _watch_item(self) -> None:
         within_m = _ALT_RADIUS_M if self.mode is Mode.AUTO else _ALT_REACHED_M

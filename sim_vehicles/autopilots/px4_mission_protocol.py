@@ -38,7 +38,7 @@ _CAPACITY = 2000
 _KEPT = {
     mavlink.MAV_CMD_NAV_WAYPOINT: (1, 2, 4),
     mavlink.MAV_CMD_NAV_LOITER_UNLIM: (3, 4),
-    mavlink.MAV_CMD_NAV_LOITER_TIME: (1, 3),
+    mavlink.MAV_CMD_NAV_LOITER_TIME: (1, 2, 3),
     mavlink.MAV_CMD_NAV_TAKEOFF: (4,),
     mavlink.MAV_CMD_NAV_LAND: (2, 4),
 }

@@ -26,7 +26,11 @@ from collections.abc import Iterable, Mapping
 from itertools import permutations
 from typing import Final
 
-from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_LOITER_UNLIM
+from pymavlink.dialects.v20.ardupilotmega import (
+    MAV_CMD_NAV_LAND,
+    MAV_CMD_NAV_LOITER_UNLIM,
+    MAV_CMD_NAV_WAYPOINT,
+)
 
 from gcs.config import Config
 from gcs.core.airspace.incursion_warning import Incursion
@@ -241,7 +245,7 @@ class Avoidances:
             if avoidance is None:
                 continue
             state = self._fleet.state(vehicle)
-            is_held = avoidance.is_before_zone or _wanted(agent) is not None or self._stays_at_target(vehicle)
+            is_held = avoidance.is_before_zone or _wanted(agent) is not None or self._has_arrived(vehicle)
             if (
                 state is None
                 or not (is_held and self._is_controlled(vehicle))
@@ -266,7 +270,7 @@ class Avoidances:
         With `is_late` it may also while a new mission waits for its upload, which then comes in LOITER.
         """
         tasking = self._tasking.state
-        if self._stays_at_target(vehicle):
+        if self._has_arrived(vehicle):
             return not tasking.stage(vehicle) and self._is_free(vehicle)
         is_settled = _flies_wanted(self._agents[vehicle]) and not tasking.stage(vehicle)
         waits = is_late and vehicle in tasking.queue
@@ -285,6 +289,23 @@ class Avoidances:
         is_obeyed = state is not None and state.mode == AUTO and agent.link.liveness == "alive"
         is_free = agent.orders.command is None and agent.orders.waiting is None
         return is_obeyed and is_free and self._is_controlled(vehicle)
+
+    def _has_arrived(self, vehicle: int) -> bool:
+        """Return True if a vehicle has arrived, and stays at its target or comes home in its layer to land."""
+        return self._stays_at_target(vehicle) or self._comes_home(vehicle)
+
+    def _comes_home(self, vehicle: int) -> bool:
+        """Return True if a vehicle has arrived and flies its return route, up to the top of its descent."""
+        agent = self._agents[vehicle]
+        state = self._fleet.state(vehicle)
+        onboard = agent.tasking.onboard if agent.tasking.is_selected else None
+        has_arrived = agent.perception.status.status == "arrived" and _wanted(agent) is None
+        if not has_arrived or onboard is None or state is None or agent.flight.phase not in _PHASES:
+            return False
+        items = onboard.items
+        is_before_descent = 0 <= state.mission_seq < len(items) - 2
+        lands = items[-1].command == MAV_CMD_NAV_LAND
+        return lands and is_before_descent and items[state.mission_seq].command == MAV_CMD_NAV_WAYPOINT
 
     def _stays_at_target(self, vehicle: int) -> bool:
         """Return True if a vehicle has arrived, and flies to the circle at its target, or round it.
@@ -335,8 +356,8 @@ class Avoidances:
         is_clear = not self._order_check.release_problem(vehicle, flights)
         if avoidance.is_before_zone and not is_clear:
             return []
-        stays = self._stays_at_target(vehicle)
-        has_route = stays or (
+        has_arrived = self._has_arrived(vehicle)
+        has_route = has_arrived or (
             _wanted(self._agents[vehicle]) is not None and not self._needs_new_route(vehicle)
         )
         may_end = held_ns >= _MIN_HOLD_NS and is_clear and has_route
@@ -344,7 +365,7 @@ class Avoidances:
             avoidance.is_ending = True
             return self._command(vehicle, avoidance, AUTO, t_ns)
         routes = self._agents[vehicle].routes
-        if stays or (held_ns < _MAX_HOLD_NS and not (is_clear and held_ns >= _MIN_HOLD_NS)):
+        if has_arrived or (held_ns < _MAX_HOLD_NS and not (is_clear and held_ns >= _MIN_HOLD_NS)):
             return []
         if self._tasking.state.has_pending(vehicle):  # it waits as long as its vehicle holds
             return self._end(vehicle, "it gets a new mission", t_ns)

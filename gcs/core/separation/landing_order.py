@@ -48,10 +48,14 @@ _CIRCLE_MARGIN_M: Final = 60.0
 """Overshoot of a vehicle that enters its circle."""
 _DRIFT_S: Final = 8.0
 """Time in which the wind would take a vehicle as far off its circle as it is flown."""
-_EXITS: Final = 16
-"""Places on a circle from where a vehicle may leave it."""
-_EXIT_COURSES_RAD: Final = (-0.4, 0.0, 0.4)
-"""Differences of its course from the tangent there: it may turn back to either side."""
+_EXIT_RADII: Final = 1.2
+"""Distance from the centre of a circle, in radii, of a point towards which a vehicle can leave it."""
+_EXIT_SHARES: Final = (0.8, 1.0, 1.3)
+"""Distances from the centre where it may leave the circle, in radii."""
+_EXIT_TURNS_RAD: Final = (-0.35, 0.0, 0.35)
+"""Angles round the centre from the point of the tangent to where it may leave."""
+_EXIT_COURSES_RAD: Final = (-0.2, 0.2)
+"""Differences of its course from the bearing of that point."""
 _CIRCLE_RADIUS_M: Final = 80.0
 """Radius of a circle that the autopilot sets."""
 _PLACE_STEP_M: Final = 50.0
@@ -346,27 +350,28 @@ def _distance_m(place_m: Point, points_m: FloatArray) -> float:
 
 
 def _is_left_clear(grid: Grid, airframe: AgentAirframe, points_m: FloatArray) -> bool:
-    """Return True if flights in wind from all round a circle at the first point to the next ones are clear.
+    """Return True if a vehicle can leave a circle at the first point, and its flights in wind are clear.
 
-    A wait ends at a time, not at a place.
+    It leaves where its course leads to the second point. Its path is no exact circle in wind.
     """
     turns = corners_of(airframe)
-    radius_m = airframe.circle_radius_m
     next_m = tuple((east_m, north_m) for east_m, north_m in points_m[1:].tolist())
     ahead = RemainingMission(next_m, tuple(turns.accept_radii_m(points_m).tolist()))
-    for_s = (_length_m(points_m) + 2.0 * math.pi * radius_m) / max(
+    for_s = (_length_m(points_m) + 2.0 * math.pi * airframe.circle_radius_m) / max(
         airframe.speed_m_s - airframe.wind_m_s, 1.0
     )
-    for k, turned_rad in product(range(_EXITS), _EXIT_COURSES_RAD):
-        angle = 2.0 * math.pi * k / _EXITS
-        motion = Motion(
-            float(points_m[0, 0]) + radius_m * math.sin(angle),
-            float(points_m[0, 1]) + radius_m * math.cos(angle),
-            airframe.speed_m_s,
-            angle + 0.5 * math.pi + turned_rad,
-            airframe.speed_m_s / radius_m,
-            ahead=ahead,
-        )
+    east_m, north_m = points_m[0].tolist()
+    leg_m = math.dist((east_m, north_m), next_m[0])
+    bearing = math.atan2(next_m[0][0] - east_m, next_m[0][1] - north_m)
+    if leg_m < _EXIT_RADII * airframe.circle_radius_m:
+        return False
+    for share, turned_rad, off_rad in product(_EXIT_SHARES, _EXIT_TURNS_RAD, _EXIT_COURSES_RAD):
+        radius_m = share * airframe.circle_radius_m
+        angle = bearing - math.acos(min(radius_m / leg_m, 1.0)) + turned_rad
+        place_m = (east_m + radius_m * math.sin(angle), north_m + radius_m * math.cos(angle))
+        course_rad = math.atan2(next_m[0][0] - place_m[0], next_m[0][1] - place_m[1]) + off_rad
+        rate_rad_s = airframe.speed_m_s / radius_m
+        motion = Motion(*place_m, airframe.speed_m_s, course_rad, rate_rad_s, ahead=ahead)
         flights = windy_flights(grid, motion, for_s, turns, airframe.turn_lag_s, wind_margin_m(turns))
         if not all(flight.is_clear for flight in flights):
             return False

@@ -37,6 +37,8 @@ _EARTH_M_PER_DEG: Final = 111_195.0
 DESCENT_SLOPE: Final = 0.15
 """Slope from the layer to the approach: half of what both autopilots fly."""
 _MIN_LEVEL_SHARE: Final = 0.05
+_TOWARDS_NEXT: Final = 1.0
+"""A timed loiter ends where the course leads to the next item. ArduPlane always does so, PX4 if told."""
 
 
 def build_items(
@@ -69,7 +71,8 @@ def build_items(
             at = (end, *landing)[wait.corner + 1]
             timed = dialect.MAV_CMD_NAV_LOITER_TIME
             radius_m = float(round(mission.loiter_radius_m))
-            circle = at._replace(command=timed, param1=float(wait.seconds), param2=0.0, param3=radius_m)
+            seconds = float(wait.seconds)
+            circle = at._replace(command=timed, param1=seconds, param2=_TOWARDS_NEXT, param3=radius_m)
             landing.insert(wait.corner + 1, circle)
         items += landing
     else:

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.hills import elevation_of, hill
-from helpers.sky import FIELD, Sky, fly_on, give, place
+from helpers.sky import FIELD, LANDING, Sky, fly_on, give, place
 from helpers.staging import S
 
 from gcs.config.schema import TerrainTable
 from gcs.core.separation.conflicts import Conflict
+from gcs.core.separation.landing_order import LandingOrder
 from gcs.core.separation.look_ahead import LOOK_AHEAD_S, Encounter
 from gcs.core.separation.order_check import OrderCheck
 from gcs.core.separation.predicted_flights import PredictedFlights
@@ -18,6 +19,7 @@ from gcs.core.separation.traffic_reports import FIRST_ADSB as AIRCRAFT
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.model import FlightPhase, NoticeCode, Order, Resumed
 from sim_vehicles.autopilots.autopilot_traits import Mode
+from sim_vehicles.campaign.virtual_run import START_T_NS
 
 CROSSING = FIELD.replace("layers = 8", "layers = 1").replace(
     "2900.0\nnorth_m = 2900.0", "2600.0\nnorth_m = 1500.0"
@@ -64,6 +66,27 @@ def test_one_that_has_arrived_holds_for_another_and_flies_on_to_its_circle():
     assert all(agent.routes.flown is None for agent in agents.values())
     assert [sky.planes[v].autopilot.mode for v in (1, 2)] == [Mode.AUTO, Mode.AUTO]
     assert agents[notice.vehicle].separation.avoidance is None
+
+
+@pytest.mark.parametrize("px4", [(), (1, 2)])
+def test_one_of_two_that_come_home_to_land_holds_until_the_other_one_is_down(px4, monkeypatch):
+    """Without a clear circle to wait on, pairs came as near as 11 m and 10 m: neither was ours to hold."""
+    monkeypatch.setattr(LandingOrder, "wait", lambda self, route, planned, grid, t_ns: (planned, ""))
+    field = LANDING.replace("layers = 8", "layers = 1").replace("= 2900.0\nnorth", "= 1700.0\nnorth")
+    field = field.replace("= 100.0\nnorth", "= 1300.0\nnorth")
+    sky = Sky((1300.0, 1500.0, 60.0), (1700.0, 1500.0, 60.0), px4=px4, field=field)
+    for vehicle, plane in sky.planes.items():  # their return routes cross
+        home_m = {1: 1700.0, 2: 1300.0}[vehicle]
+        plane.autopilot.home = replace(plane.autopilot.home, east_m=home_m, north_m=300.0)
+    landed = {}
+    while len(landed) < 2 and sky.run_.t_ns < START_T_NS + 900 * S:
+        fly_on(sky, 1.0)
+        for number, plane in sky.planes.items():
+            if not plane.autopilot.flying:
+                landed.setdefault(number, sky.run_.t_ns / S)
+    assert abs(landed[1] - landed[2]) > 60.0
+    assert not sky.near_s
+    assert sky.told(NoticeCode.AVOIDS)
 
 
 def test_of_two_the_one_holds_whose_circle_keeps_above_the_ground():

@@ -6,11 +6,13 @@ import pytest
 from helpers.flown_clearance import in_wind
 from helpers.sky import LANDING, NEAR_HEIGHT_M, NEAR_M, Sky
 from helpers.staging import S
+from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_LOITER_TIME
 
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.mission_checks import mission_checks, rehearse
 from gcs.core.separation.landing_order import LandingOrder, _is_left_clear
+from gcs.geo import wrap_pi
 from gcs.model import NoticeCode
 from gcs.planning.map.grid import free_grid, free_grid_like
 from sim_vehicles.campaign.virtual_run import START_T_NS
@@ -63,6 +65,33 @@ def test_where_no_corner_is_clear_they_wait_on_a_leg(px4, monkeypatch):
     assert len(landed) == 3
     assert min(np.diff(sorted(landed.values()))) >= MIN_APART_S
     assert not near
+
+
+@pytest.mark.parametrize(("px4", "most_deg"), [((), 10.0), ((1, 2, 3), 5.0)])
+def test_a_vehicle_leaves_its_wait_towards_the_next_point(px4, most_deg):
+    """The way was checked from all round the circle: every second wait among obstacles found no place."""
+    sky = Sky(*STRIP, px4=px4, field=LANDING).fly(30.0)
+    waits = {
+        number: [item.command for item in plane.autopilot.mission].index(MAV_CMD_NAV_LOITER_TIME)
+        for number, plane in sky.planes.items()
+        if any(item.command == MAV_CMD_NAV_LOITER_TIME for item in plane.autopilot.mission)
+    }
+    assert len(waits) == 2
+    off_deg = {}
+    t_ns = sky.run_.t_ns
+    while len(off_deg) < len(waits) and t_ns < START_T_NS + 700 * S:
+        t_ns += S // 5
+        for number, seq in waits.items():
+            plane = sky.planes[number]
+            autopilot = plane.autopilot
+            plane.advance(t_ns)
+            plane.datagrams_to_send(t_ns)
+            if autopilot.seq == seq + 1:
+                east_m, north_m = autopilot._place(autopilot.mission[seq + 1])
+                bearing_rad = np.arctan2(east_m - plane.east_m, north_m - plane.north_m)
+                off_deg.setdefault(number, abs(np.degrees(wrap_pi(bearing_rad - plane.course_rad))))
+    assert off_deg.keys() == waits.keys()
+    assert max(off_deg.values()) < most_deg + 3.0
 
 
 def test_a_wait_needs_more_room_in_wind():
