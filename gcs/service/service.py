@@ -45,7 +45,6 @@ from gcs.model import (
     Event,
     LaggedPicture,
     LinkNews,
-    MissionEnded,
     Notice,
     NoticeCode,
     Order,
@@ -148,8 +147,9 @@ class Service:
         end_with_mission: bool = False,
         at_once: asyncio.Event | None = None,
     ) -> None:
-        """Run until `stop` is set, or with `end_with_mission` until the mission ends.
+        """Run until `stop` is set.
 
+        With `end_with_mission`, at most until the mission has ended, and its vehicles that land have landed.
         With `at_once`, uploads in progress are finished first, until `at_once` is set.
 
         Raises
@@ -315,10 +315,16 @@ class Service:
                 self._check_outputs()
             self._watch_lag(self.clock.now_ns() - event.t_ns)
             self._bridge_outage(event.t_ns)
-            ended = self._process(event, frames)
-            if ended and end_with_mission:
+            self._process(event, frames)
+            if end_with_mission and self.engine.state.has_ended and not self._are_landing():
                 stop.set()
                 return
+
+    def _are_landing(self) -> bool:
+        """Return True while a vehicle that is heard, and whose mission lands, is in the air."""
+        agents = self.engine.state.agents
+        landing = [agents[v] for v, one in self.config.airframes_of_agents.items() if one.end == "land"]
+        return any(agent.link.liveness == "alive" and agent.flight.phase.is_in_air for agent in landing)
 
     def _bridge_outage(self, t_ns: int) -> None:
         """Continue as after a restart if the service stood still: ticks come all the time."""
@@ -357,8 +363,8 @@ class Service:
                 del self._keyless_t_ns[vehicle]
                 self._put(LinkNews(Notice(t_ns, NoticeCode.KEY_NOT_MISSING, vehicle)))
 
-    def _process(self, event: Event, frames: FrameTable | None = None) -> bool:
-        """Record an event, step the engine and carry out its effects; return True if the mission ended.
+    def _process(self, event: Event, frames: FrameTable | None = None) -> None:
+        """Record an event, step the engine and carry out its effects.
 
         Pictures leave before the rest of a scan is processed: a plan for hundreds of vehicles takes long.
         """
@@ -383,7 +389,6 @@ class Service:
             if isinstance(effect, Plan):
                 self.health.plan_ms.append(took_ms)
             self._carry_out(event.t_ns, effect)
-        return any(isinstance(effect, MissionEnded) for effect in effects)
 
     def _step(self, event: Event, frames: FrameTable | None) -> Iterator[Effect]:
         """Step the engine. If a state from a journal turns out to be wrong, continue without it."""

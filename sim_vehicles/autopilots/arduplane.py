@@ -515,7 +515,8 @@ class Autopilot:
             is_there = goal.distance_m(airframe) <= _ON_CIRCLE * abs(goal.radius_m)
             self._circled_checks += is_there or self._circled_checks > 0
             over_s = self._circled_checks * _CHECK_NS / NS_PER_S - item.param1
-            if over_s >= 0.0 and self._leaves_circle(item, goal, over_s):
+            turns = over_s * airframe.speed_m_s / (_TURN_RAD * abs(goal.radius_m))
+            if over_s >= 0.0 and self._is_lined_up(goal, self._exit_tolerance_rad(turns)):
                 self._next_item()
         elif isinstance(goal, ToPoint):
             if item.command == mavlink.MAV_CMD_NAV_LAND:
@@ -526,16 +527,12 @@ class Autopilot:
             if goal.is_reached(airframe):
                 self._waypoint_reached(item, goal)
 
-    def _leaves_circle(self, item: Item, circle: Circle, over_s: float) -> bool:
-        """Return True if a vehicle whose timed loiter is over leaves its circle: its course is to the next item.
-
-        The tolerance grows with each turn (`ModeLoiter::isHeadingLinedUp`).
-        """
-        turns = over_s * self.airframe.speed_m_s / (_TURN_RAD * abs(circle.radius_m))
-        return self._is_lined_up(circle, _LINED_UP_RAD * (1 + int(turns)))
+    def _exit_tolerance_rad(self, turns: float) -> float:
+        """Return the course error up to which a timed circle is left (`ModeLoiter::isHeadingLinedUp`)."""
+        return _LINED_UP_RAD * (1 + int(turns))
 
     def _is_lined_up(self, circle: Circle, tolerance_rad: float) -> bool:
-        """Return True if the course leads to the next item, or if that is no farther away than the circle."""
+        """Return True if the course leads to the next item, or if that is inside the circle."""
         if self.seq + 1 >= len(self.mission):
             return True
         airframe = self.airframe

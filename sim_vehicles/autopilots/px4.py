@@ -278,8 +278,9 @@ class Px4Autopilot(Autopilot):
         self._circle_here()
         self.alt_command_m = alt_m
 
-    def _leaves_circle(self, item: Item, circle: Circle, over_s: float) -> bool:
-        return item.param2 <= 0.0 or self._is_lined_up(circle, _LINED_UP_RAD)
+    def _exit_tolerance_rad(self, _turns: float) -> float:
+        is_asked_for = self._item is not None and self._item.param2 > 0.0
+        return _LINED_UP_RAD if is_asked_for else math.inf
 
     def _watch_item(self) -> None:
         within_m = _ALT_RADIUS_M if self.mode is Mode.AUTO else _ALT_REACHED_M

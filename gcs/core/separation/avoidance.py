@@ -291,7 +291,7 @@ class Avoidances:
         return is_obeyed and is_free and self._is_controlled(vehicle)
 
     def _has_arrived(self, vehicle: int) -> bool:
-        """Return True if a vehicle has arrived, and stays at its target or comes home in its layer to land."""
+        """Return True if a vehicle has arrived, and stays at its target or comes home to land."""
         return self._stays_at_target(vehicle) or self._comes_home(vehicle)
 
     def _comes_home(self, vehicle: int) -> bool:
