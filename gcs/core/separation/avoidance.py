@@ -1,8 +1,8 @@
 """Avoidance: one of two vehicles that come too near to each other holds until they are apart.
 
 The monitor finds the pair (`gcs.core.separation.monitor`). A vehicle may hold while it flies its mission for
-this service, or has arrived and circles at its target: not in a take-off or a landing, and never against a
-pilot, a failsafe, an order or another station. Both choices are simulated, and compared with flying on. The
+this service, or has arrived, and circles at its target or comes home: not in a take-off or the descent of a
+landing, and never against a pilot, a failsafe, an order or another station. Both choices are simulated, and compared with flying on. The
 hold that keeps its vehicle farthest from all others begins, if it is an improvement. Of two that are equal,
 that is the one which keeps its vehicle farther from the other one; else that of the vehicle with more to fly.
 Over terrain no vehicle holds where that would lead it out of the flight band. Shortly before a loss of
@@ -305,7 +305,8 @@ class Avoidances:
         items = onboard.items
         is_before_descent = 0 <= state.mission_seq < len(items) - 2
         lands = items[-1].command == MAV_CMD_NAV_LAND
-        return lands and is_before_descent and items[state.mission_seq].command == MAV_CMD_NAV_WAYPOINT
+        is_on_leg = is_before_descent and items[state.mission_seq].command == MAV_CMD_NAV_WAYPOINT
+        return lands and is_on_leg and not self._climbs_first(vehicle, onboard.route)
 
     def _stays_at_target(self, vehicle: int) -> bool:
         """Return True if a vehicle has arrived, and flies to the circle at its target, or round it.
