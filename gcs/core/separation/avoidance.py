@@ -2,9 +2,10 @@
 
 The monitor finds the pair (`gcs.core.separation.monitor`). A vehicle may hold while it flies its mission for
 this service, or has arrived, and circles at its target or comes home: not in a take-off or the descent of a
-landing, and never against a pilot, a failsafe, an order or another station. Both choices are simulated, and compared with flying on. The
-hold that keeps its vehicle farthest from all others begins, if it is an improvement. Of two that are equal,
-that is the one which keeps its vehicle farther from the other one; else that of the vehicle with more to fly.
+landing, and never against a pilot, a failsafe, an order or another station. Both choices are simulated, and
+compared with flying on. The hold that keeps its vehicle farthest from all others begins, if it is an
+improvement. Of two that are equal, that is the one which keeps its vehicle farther from the other one; else
+that of the vehicle with more to fly.
 Over terrain no vehicle holds where that would lead it out of the flight band. Shortly before a loss of
 separation the hold may be a little outside the band, or far above it if separation would be lost; earlier,
 too, if then it could not any more.
