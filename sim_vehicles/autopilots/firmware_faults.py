@@ -1,7 +1,7 @@
 """Faults of real firmware: parameters of the firmwares' own simulations, and a receiver of a false position.
 
-ArduPlane: SIM_* parameters (https://ardupilot.org/dev/docs/sitl-parameters.html). A crash is an elevator
-that works the wrong way round, without thrust. PX4 with SIH: MAV_CMD_INJECT_FAILURE reaches motors and the
+ArduPlane: SIM_* parameters (https://ardupilot.org/dev/docs/sitl-parameters.html), and a throttle servo that
+stays where the engine stands. A crash is an elevator that works the wrong way round, without thrust. PX4 with SIH: MAV_CMD_INJECT_FAILURE reaches motors and the
 battery only, so other parameters are changed. A scale of the airspeed is a blocked sensor. The host is the
 GPS receiver of a PX4 that is to glitch (HIL_GPS), and the radio control of one that is to lose it
 (MANUAL_CONTROL). A silent radio is silence of the host.
@@ -26,6 +26,8 @@ _ACCURACY_CM: Final = 90
 _NO_THRUST: Final = {"SIH_F_T_MAX": 0.0, "SIH_T_MAX": 0.0}
 """The failure of a motor that can be injected does not stop SIH's propeller."""
 _THRUST_N: Final = 6.0
+_NO_THROTTLE: Final = {"SERVO3_MIN": 1000.0, "SERVO3_MAX": 1000.0}
+"""SIM_ENGINE_FAIL is the number of a servo in one version of ArduPlane, and a set of them in another."""
 
 
 class Injection(NamedTuple):
@@ -36,8 +38,8 @@ class Injection(NamedTuple):
 
 
 PLANE: Final = {
-    FaultKind.CRASH: Injection({"SERVO2_REVERSED": 1.0, "SIM_ENGINE_MUL": 0.0, "SIM_ENGINE_FAIL": 4.0}, {}),
-    FaultKind.ENGINE: Injection({"SIM_ENGINE_MUL": 0.0, "SIM_ENGINE_FAIL": 4.0}, {"SIM_ENGINE_FAIL": 0.0}),
+    FaultKind.CRASH: Injection({"SERVO2_REVERSED": 1.0, **_NO_THROTTLE}, {}),
+    FaultKind.ENGINE: Injection(_NO_THROTTLE, {"SERVO3_MAX": 2000.0}),
     FaultKind.GPS: Injection({"SIM_GPS1_ENABLE": 0.0}, {"SIM_GPS1_ENABLE": 1.0}),
     FaultKind.GLITCH: Injection({"SIM_GPS1_GLTCH_X": _GLITCH_DEG}, {"SIM_GPS1_GLTCH_X": 0.0}),
     FaultKind.BATTERY: Injection({"SIM_BATT_VOLTAGE": 10.2}, {"SIM_BATT_VOLTAGE": 12.6}),

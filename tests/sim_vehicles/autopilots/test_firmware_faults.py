@@ -22,10 +22,11 @@ def test_every_kind_of_fault_can_be_injected_into_both_firmwares():
     assert set(PLANE) == set(PX4) == set(FaultKind)
 
 
-def test_an_engine_stops_by_the_parameters_of_arduplane_s_simulation_and_runs_again():
+def test_an_engine_of_an_arduplane_stops_as_its_throttle_servo_does_and_runs_again():
+    """SIM_ENGINE_FAIL 4 stopped no engine where it is the number of a servo."""
     begins, ends = (injection_messages(3, False, FaultKind.ENGINE, begins) for begins in (True, False))
-    assert {m.param_id: m.param_value for m in begins} == {"SIM_ENGINE_MUL": 0.0, "SIM_ENGINE_FAIL": 4.0}
-    assert {m.param_id: m.param_value for m in ends} == {"SIM_ENGINE_FAIL": 0.0}
+    assert {m.param_id: m.param_value for m in begins} == {"SERVO3_MIN": 1000.0, "SERVO3_MAX": 1000.0}
+    assert {m.param_id: m.param_value for m in ends} == {"SERVO3_MAX": 2000.0}
     assert {m.target_system for m in begins} == {3}
 
 
