@@ -1,10 +1,10 @@
 """Faults of real firmware: parameters of the firmwares' own simulations, and a receiver of a false position.
 
 ArduPlane: SIM_* parameters (https://ardupilot.org/dev/docs/sitl-parameters.html), and a throttle servo that
-stays where the engine stands. A crash is an elevator that works the wrong way round, without thrust. PX4 with SIH: MAV_CMD_INJECT_FAILURE reaches motors and the
-battery only, so other parameters are changed. A scale of the airspeed is a blocked sensor. The host is the
-GPS receiver of a PX4 that is to glitch (HIL_GPS), and the radio control of one that is to lose it
-(MANUAL_CONTROL). A silent radio is silence of the host.
+stays where the engine stands. A crash is an elevator that works the wrong way round, without thrust. PX4 with
+SIH: MAV_CMD_INJECT_FAILURE reaches motors and the battery only, so other parameters are changed. A scale of
+the airspeed is a blocked sensor. The host is the GPS receiver of a PX4 that is to glitch (HIL_GPS), and the
+radio control of one that is to lose it (MANUAL_CONTROL). A silent radio is silence of the host.
 """
 
 from __future__ import annotations
