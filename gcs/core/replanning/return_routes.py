@@ -6,7 +6,8 @@ A return route is planned once for each route, to the home that the vehicle repo
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final
+from itertools import islice
+from typing import Final, TypeAlias
 
 import numpy as np
 from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_WAYPOINT
@@ -25,10 +26,13 @@ from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.mission.item_builder import APPROACH_ALT_M, DESCENT_SLOPE
 from gcs.model import APPROACH_M, Effect, FloatArray, Notice, NoticeCode, Parameter, Route
 from gcs.planning.manoeuvres.landing import LandingSpec, ReturnRoute, plan_return_route
-from gcs.planning.map.grid import Point
-from gcs.planning.planner_inputs import AgentState, MissionInputs
+from gcs.planning.map.grid import Grid, Point
+from gcs.planning.planner_inputs import AgentState, MissionInputs, PlanOptions
 from gcs.planning.terrain.landing import LandingSite, plan_return_over_terrain
 
+_MAX_PLACES: Final = 3
+"""Places beside a target that are tried for the wait before a landing."""
+_Task: TypeAlias = tuple[Grid, AgentState, FloatArray, Point, PlanOptions, LandingSpec]
 NO_APPROACH: Final = (
     "no approach to its home keeps above the ground; its mission ends with a circle at its target"
 )
@@ -88,10 +92,26 @@ class ReturnRoutes:
         grid = self._zones.obstacles.below_layers([_landing_at(home_m)])
         if route.heights_msl_m is not None:
             return self._over_terrain(route, LandingSite(home_m, APPROACH_ALT_M, grid), t_ns)
-        planned = plan_return_route(grid, start, points_m, home_m, options, landing)
-        planned, too_soon = self._landing_order.wait(route, planned, self._zones.grid, t_ns)
+        task = grid, start, points_m, home_m, options, landing
+        planned, too_soon = self._with_wait(route, task, t_ns)
         routes.return_m = np.vstack((points_m[-1:], planned.points_m))
         return self._noted(planned, vehicle, planned.problem or too_soon, t_ns)
+
+    def _with_wait(self, route: Route, task: _Task, t_ns: int) -> tuple[ReturnRoute, str]:
+        """Return the return route with its wait; past a place beside the target if it has none to wait on."""
+        order = self._landing_order
+        grid = self._zones.grid
+        planned = plan_return_route(*task)
+        waiting, too_soon = order.wait(route, planned, grid, t_ns)
+        east_m, north_m = route.points_m[-1].tolist()
+        places = order.places_beside(route.vehicle, (east_m, north_m), grid) if too_soon else iter(())
+        for place_m in islice(places, _MAX_PLACES):
+            past = plan_return_route(*task, past_m=place_m)
+            if past.problem in ("", planned.problem):
+                detour, problem = order.wait(route, past, grid, t_ns)
+                if not problem:
+                    return detour, ""
+        return order.wait(route, planned, grid, t_ns) if too_soon else (waiting, "")
 
     def _over_terrain(
         self, route: Route, site: LandingSite, t_ns: int

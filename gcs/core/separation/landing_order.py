@@ -6,7 +6,8 @@ time that is computed when the mission is made (NAV_LOITER_TIME). Each landing h
 descent and the approach take, and a margin for a turn more on the circle and for wind. The slots of others
 follow from what is left of their onboard missions.
 
-The circle is at a corner of the return route, or on a leg of it where the route has no heights of its own.
+The circle is at a corner of the return route, or on a leg of it where the route has no heights of its own. Where
+none of these is clear, the route is planned past a place beside its target (`places_beside`).
 
 A descent crosses the layers below its own. So a vehicle lands after those that circle below its descent
 until they land, and waits beside the descents of those that land before it.
@@ -60,6 +61,8 @@ _CIRCLE_RADIUS_M: Final = 80.0
 """Radius of a circle that the autopilot sets."""
 _PLACE_STEP_M: Final = 50.0
 """Distance of places on a leg at which a vehicle may wait."""
+_BESIDE_M: Final = 500.0
+"""Distance east and north of the end of a route up to which places are tried."""
 _WaitingPlace: TypeAlias = tuple[int, FloatArray]
 """Corner of a return route where a vehicle may wait, as in `LandingWait`, and the route from its end on."""
 
@@ -228,14 +231,28 @@ class LandingOrder:
                 return corner, return_m
         return None
 
-    def _is_place_clear(self, vehicle: int, return_m: FloatArray, corner: int, grid: Grid) -> bool:
-        """Return True if a vehicle can circle at a point of its return route, and leave it in wind."""
+    def places_beside(self, vehicle: int, end_m: Point, grid: Grid) -> Iterator[Point]:
+        """Yield clear places for a wait in sight of the end of a route, the nearest first."""
+        reach = round(_BESIDE_M / _PLACE_STEP_M)
+        steps = sorted(product(range(-reach, reach + 1), repeat=2), key=lambda step: math.hypot(*step))
+        for east, north in steps:
+            place_m = end_m[0] + east * _PLACE_STEP_M, end_m[1] + north * _PLACE_STEP_M
+            if self._is_circle_clear(vehicle, place_m, grid) and line_of_sight(grid, end_m, place_m):
+                yield place_m
+
+    def _is_circle_clear(self, vehicle: int, place_m: Point, grid: Grid) -> bool:
+        """Return True if a vehicle can circle at a place."""
         airframe = self._airframes[vehicle]
         room_m = (airframe.loiter_radius_m or _CIRCLE_RADIUS_M) + _CIRCLE_MARGIN_M
         if airframe.wind_m_s > 0.0:
             room_m = max(room_m, airframe.circle_radius_m + _DRIFT_S * airframe.wind_m_s)
+        return _is_clear(grid, place_m, room_m)
+
+    def _is_place_clear(self, vehicle: int, return_m: FloatArray, corner: int, grid: Grid) -> bool:
+        """Return True if a vehicle can circle at a point of its return route, and leave it in wind."""
+        airframe = self._airframes[vehicle]
         east_m, north_m = return_m[corner + 1].tolist()
-        return _is_clear(grid, (east_m, north_m), room_m) and (
+        return self._is_circle_clear(vehicle, (east_m, north_m), grid) and (
             airframe.wind_m_s == 0.0 or _is_left_clear(grid, airframe, return_m[corner + 1 : -1][:3])
         )
 

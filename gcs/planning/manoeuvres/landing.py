@@ -131,6 +131,7 @@ def plan_return_route(
     home_m: Point,
     options: PlanOptions,
     landing: LandingSpec,
+    past_m: Point | None = None,
 ) -> ReturnRoute:
     """Plan the return route of a vehicle.
 
@@ -142,9 +143,13 @@ def plan_return_route(
         Waypoints of the route, without the vehicle's position; k >= 1.
     home_m : tuple of float
         East and north of the landing point.
+    past_m : tuple of float, optional
+        Place that it leads to first, straight from the end of the route.
     """
     planner = _Planner(grid, start, points_m, home_m, options, landing)
     straight = planner.straight()
+    if past_m is not None:
+        return planner.planned(past_m) or replace(straight, problem=_NO_ROUTE)
     if straight.is_straight and (not grid.blocked.any() or planner.is_clear(straight.points_m)):
         return straight
     return planner.planned() or replace(straight, problem=_NO_ROUTE)
@@ -204,11 +209,13 @@ class _Planner:
             points_m, MIN_CLEARANCE_SHARE * clearance_m
         )
 
-    def planned(self) -> ReturnRoute | None:
-        """Return the best planned route; None without one."""
+    def planned(self, past_m: Point | None = None) -> ReturnRoute | None:
+        """Return the best planned route, or the best past a place; None without one."""
         gates = list(self._gates())
         if not gates:
             return None
+        if past_m is not None:
+            return _as_route(self._best(gates, np.array([past_m]), bearing_rad(*self._end_m, *past_m), None))
         nowhere = np.empty((0, 2))
         best = self._best(gates, nowhere, self._course_rad, None)
         for clearance_share, radius_share in WIND_SHARES if self._landing.turns.wind_m_s > 0.0 else ():
@@ -220,12 +227,7 @@ class _Planner:
             best = self._best(gates, np.array([leaves_m]), bearing_rad(*self._end_m, *leaves_m), best)
             if best is not None and best[0] < _TOO_NEAR:
                 break
-        if best is None:
-            return None
-        grade, points_m, gate = best
-        return ReturnRoute(
-            read_only(points_m), False, _NO_APPROACH if gate.share < 0.0 else _NOTES[int(grade)]
-        )
+        return _as_route(best)
 
     def _best(
         self,
@@ -407,6 +409,13 @@ class _Planner:
         """Return a position by distance and bearing from home, clockwise from north."""
         east_m, north_m = self._home_m
         return east_m + distance_m * math.sin(angle_rad), north_m + distance_m * math.cos(angle_rad)
+
+
+def _as_route(best: _Graded | None) -> ReturnRoute | None:
+    if best is None:
+        return None
+    grade, points_m, gate = best
+    return ReturnRoute(read_only(points_m), False, _NO_APPROACH if gate.share < 0.0 else _NOTES[int(grade)])
 
 
 def _points(points_m: FloatArray) -> list[Point]:

@@ -3,7 +3,7 @@
 import msgspec
 import numpy as np
 import pytest
-from helpers.flown_clearance import in_wind
+from helpers.flown_clearance import in_wind, landing
 from helpers.sky import LANDING, NEAR_HEIGHT_M, NEAR_M, Sky
 from helpers.staging import S
 from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_LOITER_TIME
@@ -15,7 +15,7 @@ from gcs.core.separation.landing_order import LandingOrder, _is_left_clear
 from gcs.geo import wrap_pi
 from gcs.model import NoticeCode
 from gcs.planning.map.grid import free_grid, free_grid_like
-from sim_vehicles.campaign.virtual_run import START_T_NS
+from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import WindTable, load
 
 MIN_APART_S = 50.0
@@ -65,6 +65,18 @@ def test_where_no_corner_is_clear_they_wait_on_a_leg(px4, monkeypatch):
     assert len(landed) == 3
     assert min(np.diff(sorted(landed.values()))) >= MIN_APART_S
     assert not near
+
+
+def test_where_no_place_of_the_route_is_clear_they_wait_beside_the_target():
+    """In every second plan among obstacles one found no place, and an operator was asked to hold it."""
+    problems = []
+    scenario = landing(in_wind(load("random-obstacles"), WindTable(east_m_s=4.5), 5.6))
+    run = VirtualRun(scenario, 10, on_effect=lambda _, effect: problems.append(effect))
+    run.run(20.0)
+    waits = [agent.separation.landing_wait_m for agent in run.engine.state.agents.values()]
+    assert sum(place_m is not None for place_m in waits) == 3
+    told = [one for one in problems if getattr(one, "code", None) is NoticeCode.RETURN_ROUTE_PROBLEM]
+    assert not [one for one in told if "no clear circle" in one.text]
 
 
 @pytest.mark.parametrize(("px4", "most_deg"), [((), 10.0), ((1, 2, 3), 5.0)])
