@@ -6,8 +6,8 @@ time that is computed when the mission is made (NAV_LOITER_TIME). Each landing h
 descent and the approach take, and a margin for a turn more on the circle and for wind. The slots of others
 follow from what is left of their onboard missions.
 
-The circle is at a corner of the return route, or on a leg of it where the route has no heights of its own. Where
-none of these is clear, the route is planned past a place beside its target (`places_beside`).
+The circle is at a corner of the return route, or on a leg of it where the route has no heights of its own.
+Where none of these is clear, the route is planned past a place beside its target (`places_beside`).
 
 A descent crosses the layers below its own. So a vehicle lands after those that circle below its descent
 until they land, and waits beside the descents of those that land before it.
