@@ -246,7 +246,7 @@ class Avoidances:
             if avoidance is None:
                 continue
             state = self._fleet.state(vehicle)
-            is_held = avoidance.is_before_zone or _wanted(agent) is not None or self._has_arrived(vehicle)
+            is_held = avoidance.is_before_zone or _wanted(agent) is not None or self._is_done(vehicle)
             if (
                 state is None
                 or not (is_held and self._is_controlled(vehicle))
@@ -271,7 +271,7 @@ class Avoidances:
         With `is_late` it may also while a new mission waits for its upload, which then comes in LOITER.
         """
         tasking = self._tasking.state
-        if self._has_arrived(vehicle):
+        if self._is_done(vehicle):
             return not tasking.stage(vehicle) and self._is_free(vehicle)
         is_settled = _flies_wanted(self._agents[vehicle]) and not tasking.stage(vehicle)
         waits = is_late and vehicle in tasking.queue
@@ -291,23 +291,28 @@ class Avoidances:
         is_free = agent.orders.command is None and agent.orders.waiting is None
         return is_obeyed and is_free and self._is_controlled(vehicle)
 
-    def _has_arrived(self, vehicle: int) -> bool:
-        """Return True if a vehicle has arrived, and stays at its target or comes home to land."""
+    def _is_done(self, vehicle: int) -> bool:
+        """Return True if a vehicle has no route to fly on: it stays at its target, or comes home to land."""
         return self._stays_at_target(vehicle) or self._comes_home(vehicle)
 
     def _comes_home(self, vehicle: int) -> bool:
-        """Return True if a vehicle has arrived and flies its return route, up to the top of its descent."""
+        """Return True if a vehicle flies its return route, up to the top of its descent.
+
+        It has arrived, or returns by order.
+        """
         agent = self._agents[vehicle]
         state = self._fleet.state(vehicle)
         onboard = agent.tasking.onboard if agent.tasking.is_selected else None
-        has_arrived = agent.perception.status.status == "arrived" and _wanted(agent) is None
-        if not has_arrived or onboard is None or state is None or agent.flight.phase not in _PHASES:
+        if onboard is None or state is None or agent.flight.phase not in _PHASES:
             return False
-        items = onboard.items
-        is_before_descent = 0 <= state.mission_seq < len(items) - 2
-        lands = items[-1].command == MAV_CMD_NAV_LAND
-        is_on_leg = is_before_descent and items[state.mission_seq].command == MAV_CMD_NAV_WAYPOINT
-        return lands and is_on_leg and not self._climbs_first(vehicle, onboard.route)
+        seq = state.mission_seq
+        is_behind_route = seq >= onboard.first_point + len(onboard.route.points_m)
+        is_sent_home = agent.routes.flown is None and _flies_wanted(agent) and is_behind_route
+        has_arrived = agent.perception.status.status == "arrived" and _wanted(agent) is None
+        if not (is_sent_home or has_arrived) or onboard.items[-1].command != MAV_CMD_NAV_LAND:
+            return False
+        is_on_leg = 0 <= seq < len(onboard.items) - 2 and onboard.items[seq].command == MAV_CMD_NAV_WAYPOINT
+        return is_on_leg and not self._climbs_first(vehicle, onboard.route)
 
     def _stays_at_target(self, vehicle: int) -> bool:
         """Return True if a vehicle has arrived, and flies to the circle at its target, or round it.
@@ -358,8 +363,8 @@ class Avoidances:
         is_clear = not self._order_check.release_problem(vehicle, flights)
         if avoidance.is_before_zone and not is_clear:
             return []
-        has_arrived = self._has_arrived(vehicle)
-        has_route = has_arrived or (
+        is_done = self._is_done(vehicle)
+        has_route = is_done or (
             _wanted(self._agents[vehicle]) is not None and not self._needs_new_route(vehicle)
         )
         may_end = held_ns >= _MIN_HOLD_NS and is_clear and has_route
@@ -367,7 +372,7 @@ class Avoidances:
             avoidance.is_ending = True
             return self._command(vehicle, avoidance, AUTO, t_ns)
         routes = self._agents[vehicle].routes
-        if has_arrived or (held_ns < _MAX_HOLD_NS and not (is_clear and held_ns >= _MIN_HOLD_NS)):
+        if is_done or (held_ns < _MAX_HOLD_NS and not (is_clear and held_ns >= _MIN_HOLD_NS)):
             return []
         if self._tasking.state.has_pending(vehicle):  # it waits as long as its vehicle holds
             return self._end(vehicle, "it gets a new mission", t_ns)

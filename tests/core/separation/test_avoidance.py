@@ -89,6 +89,21 @@ def test_one_of_two_that_come_home_to_land_holds_until_the_other_one_is_down(px4
     assert sky.told(NoticeCode.AVOIDS)
 
 
+@pytest.mark.parametrize("in_descent", [False, True])
+def test_one_that_was_sent_home_to_land_may_hold_until_its_descent(in_descent, monkeypatch):
+    """Behind the last point of its route it was not held."""
+    places = (1300.0, 2500.0, 60.0), (1330.0, 2500.0, 80.0)
+    sky = Sky(*places, orders=((20.0, "return"),), field=LANDING).fly(30.0)
+    while sky.planes[2].autopilot.seq < len(sky.planes[2].autopilot.mission) - (2 if in_descent else 3):
+        fly_on(sky, 1.0)
+    avoidances = sky.run_.engine.stages.avoidances
+    assert sky.run_.engine.state.agents[2].routes.stacked is not None
+    monkeypatch.setattr(OrderCheck, "hold_gain", lambda *_: 0.5)
+    flights = avoidances._order_check.predict(sky.run_.t_ns)
+    encounter = Encounter((2, AIRCRAFT), 9.0, 10.0, 0.0, (1500.0, 1500.0, 130.0))
+    assert bool(avoidances.hold(encounter, flights)) is not in_descent
+
+
 def test_of_two_the_one_holds_whose_circle_keeps_above_the_ground():
     """A hold over a slope went below the least height, while the other vehicle had level ground below."""
     level = crossing()
