@@ -115,7 +115,7 @@ def test_a_cold_start_is_announced_and_a_warm_one_is_not(tmp_path):
     start = "from rich.console import Console; from gcs.cli.warm_up_progress import load_kernels;"
     start += "load_kernels(Console(), 'alpha')"
     first, *rest = run(start, tmp_path).splitlines()
-    assert first.startswith("compiling the kernels, once after an installation: one to two minutes")
+    assert first.startswith("compiling the kernels, once after an installation: half a minute on two")
     assert "gcs warm-up" in " ".join([first, *rest])
     reports = [" ".join(line.split()[:2]) for line in rest if line.startswith("compil")]
     assert reports == ["compiling 2", "compiled in"]

@@ -48,7 +48,7 @@ def load_kernels(console: Console, *modules: str) -> None:
             name = _NAMES.get(module, module)
             if not cold:
                 console.print(
-                    "compiling the kernels, once after an installation: one to two minutes on two cores "
+                    "compiling the kernels, once after an installation: half a minute on two free cores "
                     "(gcs warm-up does it beforehand)"
                 )
             if name not in cold:
