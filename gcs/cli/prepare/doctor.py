@@ -77,5 +77,5 @@ def _kernels() -> Finding:
     if all(map(jit.is_cached, ALL)):
         return Finding("kernels", "ok", "are compiled")
     return Finding(
-        "kernels", "warning", "are not compiled yet", "gcs warm-up: takes half a minute on two free cores, once"
+        "kernels", "warning", "are not compiled yet", "gcs warm-up: half a minute on two free cores, once"
     )
