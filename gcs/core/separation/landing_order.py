@@ -42,6 +42,8 @@ from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
 
 _MARGIN_S: Final = 40.0
+_TOLERANCE_NS: Final = ns(20.0)
+"""Part of the margin that a slot may be shorter than planned: a new mission keeps its slot between others."""
 _SAME_FIELD_M: Final = 2000.0
 """Vehicles whose landing points are farther apart do not wait for each other."""
 _MIN_WAIT_S: Final = 20.0
@@ -99,7 +101,7 @@ class LandingOrder:
         for other, taken_ns in sorted(others.items(), key=lambda item: item[1]):
             slot_ns = ns(max(self._slot_s(vehicle), self._slot_s(other)))
             waits_below = lands_ns < taken_ns and self._waits_below(other, route.layer, descent_m)
-            if waits_below or abs(lands_ns - taken_ns) < slot_ns:
+            if waits_below or abs(lands_ns - taken_ns) < slot_ns - _TOLERANCE_NS:
                 lands_ns = max(lands_ns, taken_ns + slot_ns)
                 before = other
         separation = self._agents[vehicle].separation
@@ -153,7 +155,8 @@ class LandingOrder:
         home_m = self._frame.to_local(home.lat_deg, home.lon_deg)
         for other, taken_ns in self._landings(vehicle, home_m, t_ns):
             waits_below = lands_ns < taken_ns and self._waits_below(other, layer, descent_m)
-            if waits_below or abs(lands_ns - taken_ns) < ns(max(self._slot_s(vehicle), self._slot_s(other))):
+            slot_ns = ns(max(self._slot_s(vehicle), self._slot_s(other)))
+            if waits_below or abs(lands_ns - taken_ns) < slot_ns - _TOLERANCE_NS:
                 return False
         self._agents[vehicle].separation.landing_t_ns = lands_ns
         return True

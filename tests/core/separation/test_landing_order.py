@@ -13,7 +13,9 @@ from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.mission_checks import mission_checks, rehearse
 from gcs.core.separation.landing_order import LandingOrder, _is_left_clear
 from gcs.geo import wrap_pi
+from gcs.mavlink.services.retry import ns
 from gcs.model import NoticeCode
+from gcs.planning.manoeuvres.landing import ReturnRoute
 from gcs.planning.map.grid import free_grid, free_grid_like
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import WindTable, load
@@ -104,6 +106,27 @@ def test_a_vehicle_leaves_its_wait_towards_the_next_point(px4, most_deg):
                 off_deg.setdefault(number, abs(np.degrees(wrap_pi(bearing_rad - plane.course_rad))))
     assert off_deg.keys() == waits.keys()
     assert max(off_deg.values()) < most_deg + 3.0
+
+
+@pytest.mark.parametrize(("off_s", "is_kept"), [(10.0, True), (30.0, False)])
+def test_a_new_mission_keeps_its_landing_time_between_others_that_are_some_seconds_off(off_s, is_kept):
+    """It lost its time and waited for the last of the others: four landed up to 1,300 s after the start."""
+    sky = Sky(*STRIP, field=LANDING).fly(30.0)
+    run = sky.run_
+    order = run.engine.stages.return_routes._landing_order
+    agent = run.engine.state.agents[2]
+    planned = ReturnRoute(agent.routes.return_m[1:], False)
+    grid = free_grid((200, 200), 20.0, (-1000.0, -1000.0))
+
+    def landing_ns(*others):
+        order._landings = lambda *_: others
+        order.wait(agent.routes.latest, planned, grid, run.t_ns)
+        return agent.separation.landing_t_ns
+
+    alone_ns = landing_ns()
+    apart_ns = ns(max(order._slot_s(2), order._slot_s(3)) - off_s)
+    kept = landing_ns((1, alone_ns - apart_ns), (3, alone_ns + apart_ns)) == alone_ns
+    assert kept is is_kept
 
 
 def test_a_wait_needs_more_room_in_wind():
