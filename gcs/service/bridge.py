@@ -10,13 +10,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from copy import deepcopy
 from functools import partial
 from typing import Final
 
 from gcs.core.lease.bridge_lease import accepts, answer_ask, extend_lease, start_lease
-from gcs.core.lease.lease_messages import Ask
+from gcs.core.lease.lease_messages import Ask, Epoch
 from gcs.errors import WireError
 from gcs.io.background_writer import BackgroundWriter
 from gcs.io.clock import RunClock, steady_ns
@@ -99,6 +99,10 @@ class Bridge:
         self._busy: frozenset[int] = frozenset()
         self._packets: list[Packet] = []
         self._notices: list[Notice] = []
+        self._failed_links: dict[str, Mapping[str, Parameter]] = {}
+        """Parameters of the last notice of each link that is down."""
+        self._told_epoch: Epoch | None = None
+        """Epoch of the command that was told of them."""
         self._frame_log = frame_log
         self._frames: list[tuple[int, bytes]] = []
         """Datagrams that wait for the log, both ways."""
@@ -187,6 +191,10 @@ class Bridge:
         """Pass a notice on to command."""
         self._flush_soon()
         self._notices.append(Notice(self.now_ns(), code, subject, parameters))
+        if code is NoticeCode.LINK_FAILED:
+            self._failed_links[subject] = parameters
+        elif code is NoticeCode.LINK_OPEN:
+            self._failed_links.pop(subject, None)
 
     def _flush_soon(self) -> None:
         """Send what is received, together with what arrives in the next milliseconds."""
@@ -282,6 +290,7 @@ class Bridge:
         if message.clock is not None and not self._is_in_time(message.clock):
             self.clock = message.clock.clock()
             self._heartbeats.end()  # their times are of the clock before; command's next ones begin anew
+        self._tell_failed_links(message.permit.epoch)
         t_ns = self.now_ns()
         self._heartbeats.note_command(t_ns)
         if message.busy is not None:
@@ -294,6 +303,14 @@ class Bridge:
         if message.ends:
             self.has_ended = True
             self._heartbeats.end()
+
+    def _tell_failed_links(self, epoch: Epoch) -> None:
+        """Pass on which links are down to a command that begins: it was not there when they failed."""
+        if epoch == self._told_epoch:
+            return
+        self._told_epoch = epoch
+        for link, parameters in self._failed_links.items():
+            self.on_notice(link, NoticeCode.LINK_FAILED, **parameters)
 
     def _send(self, t_ns: int, link: str, peer: str, data: bytes) -> None:
         self.links.send(link, peer, data)

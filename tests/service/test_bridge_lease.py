@@ -1,4 +1,4 @@
-"""A bridge that stood still leaves the lease to the command that had it."""
+"""What a bridge leaves to the command that had the lease, and tells the one that gets it."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from typing import Any, cast
 import pytest
 
 from gcs.core.lease.lease_messages import NO_STANDING, Answer, Ask, NodeId
-from gcs.io.cluster.bridge_messages import decode, encode
+from gcs.io.cluster.bridge_messages import Down, Up, decode, encode
 from gcs.io.links.manager import Links
 from gcs.io.zenoh.session import ZenohSession
-from gcs.model import NS_PER_S
+from gcs.model import NS_PER_S, NoticeCode
 from gcs.service import bridge as bridge_module
 from gcs.service.bridge import Bridge
 
@@ -24,10 +24,14 @@ class Bus:
 
     def __init__(self) -> None:
         self.on_ask: Callable[[str, bytes, Callable[[bytes], None]], None] = lambda *_: None
+        self.ups: list[Up] = []
+        """Messages to command."""
 
     def subscribe(self, _key: str, _callback: Callable[[str, bytes], None]) -> None: ...
 
-    def publish(self, _key: str, _payload: bytes) -> None: ...
+    def publish(self, key: str, payload: bytes) -> None:
+        if key.endswith("/up"):
+            self.ups.append(decode(key, payload, Up))
 
     def answer(self, _key: str, callback: Callable[[str, bytes, Callable[[bytes], None]], None]) -> None:
         self.on_ask = callback
@@ -94,3 +98,41 @@ def test_a_standby_gets_an_answer_while_a_command_that_is_stopped_blocks_what_is
         asyncio.run(run())
     finally:
         goes_on.set()
+
+
+def test_each_command_that_begins_is_told_which_links_are_down() -> None:
+    """A bridge opens its links before command is there: a radio that is not plugged in would be no news."""
+
+    async def run() -> None:
+        bus = Bus()
+        bridge = Bridge(no_links(), (), "m", "main", cast(ZenohSession, bus), 10.0)
+        stop = asyncio.Event()
+        serving = asyncio.create_task(bridge.run(stop))
+
+        async def told() -> list[tuple[Any, NoticeCode]]:
+            await asyncio.sleep(0.1)
+            found = [(one.subject, one.code) for up in bus.ups for one in up.notices]
+            bus.ups.clear()
+            return found
+
+        await asyncio.sleep(0.1)
+        for link in ("serial:/dev/ttyUSB0:57600", "tcp:10.0.0.1:5760"):
+            bridge.on_notice(link, NoticeCode.LINK_FAILED, problem="cannot be opened")
+        await told()  # in vain
+        first = (await bus.ask("first")).permit
+        assert first is not None
+        for _ in range(2):
+            bridge.obey(Down(permit=first))
+        failed = NoticeCode.LINK_FAILED
+        assert await told() == [("serial:/dev/ttyUSB0:57600", failed), ("tcp:10.0.0.1:5760", failed)]
+        bridge.on_notice("tcp:10.0.0.1:5760", NoticeCode.LINK_OPEN)
+        await told()
+        await asyncio.sleep(1.6)  # the lease ends
+        second = (await bus.ask("second")).permit
+        assert second is not None
+        bridge.obey(Down(permit=second))
+        assert await told() == [("serial:/dev/ttyUSB0:57600", failed)]
+        stop.set()
+        await serving
+
+    asyncio.run(run())

@@ -12,7 +12,7 @@ from typing import Any
 
 from gcs.endpoints import Endpoint
 from gcs.errors import LinkError
-from gcs.io.links.transport import Backoff, ChangedNotices, Listener
+from gcs.io.links.transport import Backoff, ChangedNotices, Listener, refusal
 from gcs.mavlink.frames.stream import FrameStream
 from gcs.model import NoticeCode
 
@@ -62,8 +62,8 @@ class SerialPort:
                     endpoint.device, endpoint.baud, timeout=0, write_timeout=0, exclusive=True
                 )
             except (OSError, ValueError) as error:  # SerialException is an OSError
-                reason = getattr(error, "strerror", None) or str(error)
-                notices.notify(listener, NoticeCode.LINK_FAILED, problem=f"cannot be opened ({reason})")
+                problem = f"cannot be opened ({refusal(error)})"
+                notices.notify(listener, NoticeCode.LINK_FAILED, problem=problem)
                 continue
             notices.notify(listener, NoticeCode.LINK_OPEN)
             self._lost = loop.create_future()

@@ -13,7 +13,7 @@ from collections import Counter
 
 from gcs.endpoints import Endpoint
 from gcs.errors import LinkError
-from gcs.io.links.transport import Backoff, ChangedNotices, Listener
+from gcs.io.links.transport import Backoff, ChangedNotices, Listener, refusal
 from gcs.mavlink.frames.codec import scan
 from gcs.mavlink.frames.stream import FrameStream
 from gcs.model import NoticeCode
@@ -107,8 +107,8 @@ class TcpOut:
                 )
                 _, stream = await asyncio.wait_for(connecting, _CONNECTS_WITHIN_S)
             except (OSError, TimeoutError) as error:
-                reason = (isinstance(error, OSError) and error.strerror) or "no answer"
-                notices.notify(listener, NoticeCode.LINK_FAILED, problem=f"not connected ({reason})")
+                problem = f"not connected ({refusal(error)})"
+                notices.notify(listener, NoticeCode.LINK_FAILED, problem=problem)
                 continue
             self._stream = stream
             notices.notify(listener, NoticeCode.LINK_OPEN)

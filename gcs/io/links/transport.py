@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import errno
+import os
+import socket
 from collections.abc import AsyncIterator
 from typing import Final, Protocol
 
@@ -10,6 +13,15 @@ from gcs.model import NoticeCode, NoticeContent, Parameter
 
 _FIRST_WAIT_S: Final = 0.5
 _MAX_WAIT_S: Final = 10.0
+
+
+def refusal(error: OSError | ValueError) -> str:
+    """Return in a few words why an endpoint was not opened, without the address that the notice has."""
+    if isinstance(error, socket.gaierror) or not isinstance(error, OSError):
+        return getattr(error, "strerror", None) or str(error)
+    if error.errno in (errno.EAGAIN, errno.EBUSY):
+        return "another program uses it"
+    return os.strerror(error.errno) if error.errno else str(error) or "no answer"
 
 
 class Listener(Protocol):

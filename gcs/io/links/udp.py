@@ -9,7 +9,7 @@ from collections.abc import Callable
 from gcs.endpoints import Endpoint
 from gcs.errors import LinkError
 from gcs.io.links.recvmmsg import SocketReader
-from gcs.io.links.transport import Backoff, ChangedNotices, Listener
+from gcs.io.links.transport import Backoff, ChangedNotices, Listener, refusal
 from gcs.model import NoticeCode
 
 BUFFER_BYTES = 4 * 1024 * 1024
@@ -76,6 +76,7 @@ class UdpOut:
 
     async def _open(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
         notices = ChangedNotices()
+        has_failed = False
         remote = self._endpoint
         async for _ in Backoff().tries():
             fresh = _socket()
@@ -86,9 +87,12 @@ class UdpOut:
                 fresh.connect(found[0][4])
             except OSError as error:
                 fresh.close()
-                problem = f"cannot be reached ({error.strerror or error})"
+                problem = f"cannot be reached ({refusal(error)})"
                 notices.notify(listener, NoticeCode.LINK_FAILED, problem=problem)
+                has_failed = True
                 continue
+            if has_failed:
+                notices.notify(listener, NoticeCode.LINK_OPEN)
             self._socket = fresh
             self._reader = SocketReader(
                 loop, fresh, lambda _, data: listener.heard(remote.remote, data), _alarm(listener)

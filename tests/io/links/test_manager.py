@@ -66,6 +66,26 @@ def test_udp_out_sends_first_and_receives_the_answers():
     run(scenario())
 
 
+def test_a_name_that_is_found_later_ends_the_warning():
+    async def scenario() -> None:
+        loop, handler = asyncio.get_running_loop(), RecordingHandler(S)
+        find = loop.getaddrinfo
+
+        async def not_at_first(*args, **kwargs):
+            if not handler.count(NoticeCode.LINK_FAILED):
+                raise socket.gaierror(-2, "Name or service not known")
+            return await find(*args, **kwargs)
+
+        loop.getaddrinfo = not_at_first
+        links = opened(link(f"udpout:localhost:{free_port(socket.SOCK_DGRAM)}"))
+        links.start(loop, handler)
+        await handler.until(lambda: handler.count(NoticeCode.LINK_OPEN), "the name was not found")
+        assert handler.count(NoticeCode.LINK_FAILED) == 1
+        links.close()
+
+    run(scenario())
+
+
 def test_tcp_is_tried_until_it_is_accepted_and_again_when_it_is_lost():
     async def scenario() -> None:
         handler, port = RecordingHandler(S), free_port(socket.SOCK_STREAM)
@@ -73,6 +93,7 @@ def test_tcp_is_tried_until_it_is_accepted_and_again_when_it_is_lost():
         links = opened(link(name))
         links.start(asyncio.get_running_loop(), handler)
         await handler.until(lambda: handler.count(NoticeCode.LINK_FAILED), "the refusal was not reported")
+        assert handler.notices[0].parameters["problem"] == "not connected (Connection refused)"
         for turn in (1, 2):
             writers = []
             accepted = asyncio.Event()
@@ -126,6 +147,7 @@ def test_a_serial_port_that_is_unplugged_is_opened_again(tmp_path: Path):
         await handler.until(
             lambda: handler.count(NoticeCode.LINK_FAILED), "the missing port was not reported"
         )
+        assert handler.notices[0].parameters["problem"] == "cannot be opened (No such file or directory)"
         for turn in (1, 2):
             ours, theirs = os.openpty()
             tty.setraw(theirs)
