@@ -16,6 +16,31 @@ from playwright.sync_api import WebSocketRoute, expect
 from gcs.config import read_text
 
 
+def test_space_holds_after_a_layer_was_chosen_and_escape_closes_the_layers_first(fly, launch, page):
+    with fly() as flight:
+        launch(flight)
+        page.goto(flight.url)
+        first, third = (page.locator(f'tr[data-id="{vehicle}"]') for vehicle in (1, 3))
+        for row in (first, third):
+            expect(row.locator(".c-armed")).to_have_text("armed")
+        trails = page.get_by_label("Trails")
+        page.keyboard.press("1")
+        page.get_by_role("button", name="Layers").click()
+        trails.click()
+        page.keyboard.press("Space")
+        expect(first.locator(".c-authority")).to_have_text("held")
+        expect(trails).not_to_be_checked()
+        page.keyboard.press("Escape")
+        expect(trails).to_be_hidden()
+        expect(first).to_have_attribute("aria-selected", "true")
+        page.keyboard.press("l")
+        page.keyboard.press("Space")  # with the focus in the list
+        expect(page.get_by_label("Terrain: hill")).not_to_be_checked()
+        page.keyboard.press("3")
+        page.keyboard.press("Space")
+        expect(third.locator(".c-authority")).to_have_text("held")
+
+
 def test_an_operator_watches_holds_and_gets_the_connection_back(fly, launch, page):
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))

@@ -98,7 +98,7 @@ export class Charts {
       el("kbd", {}, "W"),
     );
     axis.addEventListener("zoom", () => {
-      whole.hidden = !axis.zoomed;
+      whole.hidden = axis.isWhole;
     });
     const close = el(
       "button",
@@ -124,11 +124,16 @@ export class Charts {
     }
   }
 
-  /** Show a minute around the time of the replay, or the last one; then the whole run again. */
+  /** Show a minute around the time of the replay, or always the last one; then the whole run again. */
   zoom() {
-    const { now, to, zoomed } = this.axis;
-    const at = Math.min(now ?? to, to - AROUND_S);
-    if (this.isOpen) this.axis.zoom(zoomed ? null : [at - AROUND_S, at + AROUND_S]);
+    const { axis } = this;
+    if (!this.isOpen) return;
+    if (!axis.isWhole) axis.zoom(null);
+    else if (axis.now === null) axis.zoom(null, 2 * AROUND_S);
+    else {
+      const at = Math.min(axis.now, axis.to - AROUND_S);
+      axis.zoom([at - AROUND_S, at + AROUND_S]);
+    }
   }
 
   async load() {

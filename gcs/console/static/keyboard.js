@@ -10,13 +10,14 @@
 import { vehicleName } from "./format.js";
 
 const DIGITS_MS = 600;
+const CHECKBOX = "input[type=checkbox]";
 const FIELDS = "input:not([type=checkbox]):not([type=range]), select, textarea";
 
 /** @type {[key: string, text: string][]} */
 export const KEYS = [
   ["1 … 9", "select the vehicle with that number; type 12 for vehicle 12"],
   ["ctrl+A", "select all vehicles"],
-  ["Esc", "end the tool, or select nothing"],
+  ["Esc", "end the tool, close the layers, or select nothing"],
   ["space", "hold the selected vehicles"],
   ["shift+space", "hold all"],
   ["R", "resume"],
@@ -40,7 +41,7 @@ export const KEYS = [
   ["← →", "replay: 5 s back or on; with shift 30 s"],
   ["Home, End", "replay: to its start, its end"],
   [", .", "replay: to the event before, to the next"],
-  ["T, shift+T", "select the next or the last target"],
+  ["T, shift+T", "select the next or the previous target"],
   ["I", "ignore the selected target, or attend to it"],
   [", .", "lower or raise its priority"],
   ["P, U", "pin the selected vehicles to it, unpin them"],
@@ -70,6 +71,11 @@ export class Digits {
     this.at = timeMs;
     return this.typed;
   }
+
+  /** End the number: a digit after another key begins a new one. */
+  end() {
+    this.typed = "";
+  }
 }
 
 /**
@@ -81,12 +87,17 @@ export function listenToKeys(actions, feed, selection) {
   const digits = new Digits();
 
   /** @param {string} name */
-  const select = (name) => {
-    const found = feed.data.vehicles.find((one) => vehicleName(one.vehicle) === name);
+  const find = (name) => feed.data.vehicles.find((one) => vehicleName(one.vehicle) === name);
+
+  /** @param {string} digit */
+  const select = (digit) => {
+    const found = find(digits.add(digit, Date.now())) ?? find(digit);
+    leaveCheckbox();
     if (found) selection.set([found.vehicle]);
   };
 
   const selectAll = () => {
+    leaveCheckbox();
     selection.set(feed.data.vehicles.filter((one) => one.status !== "lost").map((one) => one.vehicle));
   };
 
@@ -95,8 +106,8 @@ export function listenToKeys(actions, feed, selection) {
     const { ctrlKey, metaKey, altKey, shiftKey, key } = event;
     if ((ctrlKey || metaKey) && key === "a") return selectAll;
     if (ctrlKey || metaKey || altKey) return undefined;
-    const now = Date.now();
-    if (/^[1-9]$/.test(key) || (key === "0" && digits.isOpen(now))) return () => select(digits.add(key, now));
+    if (/^[1-9]$/.test(key) || (key === "0" && digits.isOpen(Date.now()))) return () => select(key);
+    digits.end();
     if (isScrolling(event)) return undefined;
     const name = key.toLowerCase();
     return (shiftKey && actions[`shift+${name}`]) || actions[name];
@@ -105,7 +116,8 @@ export function listenToKeys(actions, feed, selection) {
   addEventListener("keydown", (event) => {
     if (isDialogOpen() || isIn(event, FIELDS)) return;
     if (event.key === " ") {
-      if (!event.shiftKey && isIn(event, "input[type=checkbox]")) return;
+      digits.end();
+      if (!event.shiftKey && isIn(event, CHECKBOX)) return;
       event.preventDefault(); // else a focused button would be pressed
       if (!event.repeat) actions[event.shiftKey ? "shift+space" : "space"]();
       return;
@@ -120,6 +132,12 @@ export function listenToKeys(actions, feed, selection) {
     // Browsers press a focused button when space is released.
     if (event.key === " " && isIn(event, "button") && !isDialogOpen()) event.preventDefault();
   });
+}
+
+/** Take the focus from a checkbox: a space is to hold the vehicles that are selected now. */
+function leaveCheckbox() {
+  const focused = document.activeElement;
+  if (focused instanceof HTMLElement && focused.matches(CHECKBOX)) focused.blur();
 }
 
 function isDialogOpen() {

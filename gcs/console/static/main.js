@@ -125,8 +125,7 @@ const actions = {
   arrowdown: pan(0, -PAN_PX),
   "?": help,
   escape: () => {
-    if (map.tool) map.use(null);
-    else selection.clear();
+    if (!map.escape()) selection.clear();
   },
 };
 

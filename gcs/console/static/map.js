@@ -56,7 +56,7 @@ export class SwarmMap {
     this.hint = el("div", { class: "hint", hidden: true });
     const followed = "Keep the selected vehicles, or the swarm, in view";
     this.followButton = button("Follow", "F", followed, () => this.motion.toggleFollow());
-    this.layersButton = button("Layers", "L", "Choose what is drawn", () => this.toggleLayers());
+    this.layersButton = button("Layers", "L", "Choose what is drawn", (event) => this.toggleLayers(event));
     const place = el("div", { class: "place" });
     root.append(this.canvas, this.tools(), this.layers.panel, this.hint, place);
     this.pointer = new Pointer(this, place, feed, selection);
@@ -147,8 +147,17 @@ export class SwarmMap {
     this.redraw();
   }
 
-  toggleLayers() {
-    this.layersButton.setAttribute("aria-pressed", String(this.layers.toggle()));
+  /** @param {MouseEvent} [event] of a click; one by a key has no detail */
+  toggleLayers(event) {
+    this.layersButton.setAttribute("aria-pressed", String(this.layers.toggle(!event?.detail)));
+  }
+
+  /** End the tool, or close the layers; return false if there was neither. */
+  escape() {
+    if (this.tool) this.use(null);
+    else if (!this.layers.panel.hidden) this.toggleLayers();
+    else return false;
+    return true;
   }
 
   resize() {
@@ -187,7 +196,7 @@ export class SwarmMap {
  * @param {string} text
  * @param {string} key
  * @param {string} title
- * @param {() => void} action
+ * @param {(event: MouseEvent) => void} action
  */
 function button(text, key, title, action) {
   return el("button", { title: `${title} (${key})`, onclick: action }, text);

@@ -31,6 +31,8 @@ export class MapLayers extends EventTarget {
     this.late = choices[names.indexOf("late")];
     this.late.hidden = true;
     this.panel = el("div", { class: "layers", hidden: true }, ...choices);
+    // A click leaves the focus where it is: else the next space would tick the layer again, and hold nothing.
+    this.panel.addEventListener("mousedown", (event) => event.preventDefault());
   }
 
   /** @param {number} scans by which late estimates are late; 0: there are none */
@@ -57,10 +59,14 @@ export class MapLayers extends EventTarget {
     this.dispatchEvent(new Event("change"));
   }
 
-  /** Open or close the panel; return whether it is open. */
-  toggle() {
+  /**
+   * Open or close the panel; return whether it is open.
+   *
+   * @param {boolean} takesFocus
+   */
+  toggle(takesFocus) {
     this.panel.hidden = !this.panel.hidden;
-    if (!this.panel.hidden) this.panel.querySelector("input")?.focus();
+    if (!this.panel.hidden && takesFocus) this.panel.querySelector("input")?.focus();
     return !this.panel.hidden;
   }
 }

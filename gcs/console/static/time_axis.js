@@ -23,6 +23,8 @@ export class TimeAxis extends EventTarget {
     this.pointed = null;
     /** @type {Span | null} */
     this.zoomed = null;
+    /** Width of the span that ends now and moves on, in a run that goes on; 0: the span stays. */
+    this.followed = 0;
     /**
      * Span that the pointer draws.
      *
@@ -33,7 +35,11 @@ export class TimeAxis extends EventTarget {
 
   /** @returns {Span} */
   get span() {
-    return this.zoomed ?? [0, this.to];
+    return this.zoomed ?? [this.followed && Math.max(0, this.to - this.followed), this.to];
+  }
+
+  get isWhole() {
+    return !this.zoomed && !this.followed;
   }
 
   /** The time whose values are written: under the pointer, else now. */
@@ -50,10 +56,12 @@ export class TimeAxis extends EventTarget {
    * Show a span of time, or the whole run.
    *
    * @param {Span | null} span
+   * @param {number} followed
    */
-  zoom(span) {
+  zoom(span, followed = 0) {
     this.drawn = null;
     this.zoomed = span && this.within(span);
+    this.followed = followed;
     this.dispatchEvent(new Event("zoom"));
     this.point(this.pointed);
   }

@@ -23,6 +23,22 @@ test("a span that is drawn backwards or beyond the run is shown within it", () =
   assert.deepEqual(axis.span, [0, 100]);
 });
 
+test("the last minute of a run that goes on moves on with it", () => {
+  const axis = new TimeAxis();
+  axis.to = 40;
+  axis.zoom(null, 60);
+  assert.equal(axis.isWhole, false);
+  assert.deepEqual(axis.span, [0, 40]);
+  axis.to = 100;
+  assert.deepEqual(axis.span, [40, 100]);
+  axis.zoom([50, 60]);
+  axis.to = 110;
+  assert.deepEqual(axis.span, [50, 60]);
+  axis.zoom(null);
+  assert.deepEqual(axis.span, [0, 110]);
+  assert.equal(axis.isWhole, true);
+});
+
 test("values are read under the pointer, else at the time of the replay, else at the end", () => {
   const axis = new TimeAxis();
   axis.to = 100;

@@ -75,6 +75,8 @@ test("digits that follow one another are one number", () => {
   assert.equal(digits.add("2", 1400), "12");
   assert.equal(digits.isOpen(1900), true);
   assert.equal(digits.add("3", 2100), "3");
+  digits.end();
+  assert.equal(digits.add("4", 2200), "4");
 });
 
 test("a click selects one vehicle, with a modifier key it adds or removes one", () => {
