@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+from gcs.config import parse, read_text
 from gcs.console.engine.vehicle_details import vehicle_detail
 from gcs.console.source import UnknownVehicleError
 from gcs.model import NS_PER_S, Order
@@ -47,3 +48,18 @@ def test_a_program_gets_the_record_of_a_vehicle(fly, launch) -> None:
         code, body, _ = flight.request("/api/vehicles/1")
         assert (code, json.loads(body)["agent"]["vehicle"]) == (200, 1)
         assert [flight.request(f"/api/vehicles/{name}")[0] for name in ("9", "x")] == [404, 404]
+
+
+def test_a_vehicle_of_another_network_is_found_by_its_number_and_by_its_name(fly) -> None:
+    """`GET /api/status` has the number, the page the name."""
+    text = read_text("prescribed")[0].replace("system_id = 4\n", "system_id = 4\nnetwork = 1\n", 1)
+    endpoints = '["udpin:127.0.0.1:0", { endpoint = "tcp:127.0.0.1:5760", network = 1 }]'
+    text = text.replace('mavlink = "udpin:0.0.0.0:14550"', f"mavlink = {endpoints}")
+    with fly(config=parse(text, "networks")) as flight:
+        status = json.loads(flight.request("/api/status")[1])
+        number = status["agents"][-1]["vehicle"]
+        assert number == 260
+        for name in (number, "1:4"):
+            code, body, _ = flight.request(f"/api/vehicles/{name}")
+            assert (code, json.loads(body)["agent"]["vehicle"]) == (200, number)
+        assert flight.request("/api/vehicles/4")[0] == 404

@@ -88,9 +88,11 @@ def parse_access(text: str | None, folder: Path | None) -> Access | None:
                 f"{CERTIFICATE}, {KEY} and {OPERATE} (docs/console.md)"
             )
         return Access(host, port)
-    for name in (CERTIFICATE, KEY):
+    for name in (CERTIFICATE, KEY, OPERATE):
         if not (folder / name).is_file():
-            raise ConsoleError(f"console: {folder / name} is missing")
+            raise ConsoleError(
+                f"console: {folder / name} is missing; docs/console.md (From other machines) says how to make it"
+            )
     _require_private(folder / KEY)
     operate = _token(folder / OPERATE)
     view = _token(folder / VIEW) if (folder / VIEW).exists() else ""

@@ -244,10 +244,12 @@ class _Api:
         return _no_run() if capture is None else _json(encode(capture.status))
 
     async def vehicle(self, request: Request) -> Response:
+        name = request.path_params["name"]
+        number = number_of(name)
         try:
-            vehicle = vehicle_of(request.path_params["name"])
-        except ValueError as error:
-            return _error(str(error), 404)
+            vehicle = vehicle_of(name) if number is None else number
+        except ValueError:
+            return _error("expected a vehicle, such as 3, or 1:3 on network 1", 404)
         try:
             detail = await self._board.detail(vehicle)
         except UnknownVehicleError:
