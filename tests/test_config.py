@@ -350,6 +350,18 @@ def test_the_check_warns_of_an_unprotected_endpoint(tmp_path: Path) -> None:
     assert "every program that reaches tcp/0.0.0.0:7447 may command the vehicles" in done.output
 
 
+def test_the_check_shows_what_a_link_is_for_and_whether_it_is_signed(tmp_path: Path) -> None:
+    radio = '{ endpoint = "serial:/dev/ttyUSB0", redundant = true }'
+    receiver = '{ endpoint = "udpin:0.0.0.0:14560", traffic = true }'
+    for keys, signing in (('keys = "keys.toml"', "keys of keys.toml"), ("", "none")):
+        path = tmp_path / "mission.toml"
+        path.write_text(f"{GOOD}\n[links]\nmavlink = [{radio}, {receiver}]\n{keys}\n")
+        done = CliRunner(env={"COLUMNS": "200"}).invoke(app, ["check", str(path)])
+        assert "serial:/dev/ttyUSB0:57600: vehicles, a second link of vehicles" in done.output
+        assert "udpin:0.0.0.0:14560: vehicles, receivers of other aircraft" in done.output
+        assert re.search(rf"signing +│ {signing} ", done.output)
+
+
 def test_the_altitude_of_a_mission_may_be_above_mean_sea_level() -> None:
     given = parse(GOOD + "[mission]\naltitude_msl_m = 150.0\n", "here.toml")
     assert given.mission.altitude_rel_m == 80.0

@@ -117,8 +117,14 @@ def describe(scenario: str, seed: int, console: Console) -> None:
         f"{config.mission.accept_radius_m:.0f} m, targets at {planning.capture_radius_m:.0f} m",
     )
     for link in config.mavlink_links:
-        network = f", network {link.network}" if link.network else ""
-        table.add_row("MAVLink", f"{link.name}: {_ROLES[link.role]}{network}")
+        uses = {
+            _ROLES[link.role]: True,
+            f"network {link.network}": link.network > 0,
+            "a second link of vehicles": link.redundant,
+            "receivers of other aircraft": link.traffic,
+        }
+        table.add_row("MAVLink", f"{link.name}: {', '.join(text for text, is_so in uses.items() if is_so)}")
+    table.add_row("signing", f"keys of {config.links.keys}" if config.links.keys else "none")
     fence = fence_of(config, scenario)
     rally = rally_of(config)
     ceiling = f"ceiling {fence.max_alt_rel_m:g} m" if fence.max_alt_rel_m else "no ceiling"

@@ -91,7 +91,7 @@ def parse_access(text: str | None, folder: Path | None) -> Access | None:
     for name in (CERTIFICATE, KEY, OPERATE):
         if not (folder / name).is_file():
             raise ConsoleError(
-                f"console: {folder / name} is missing; docs/console.md (From other machines) says how to make it"
+                f"console: {folder / name} is missing: docs/console.md#from-other-machines has the commands"
             )
     _require_private(folder / KEY)
     operate = _token(folder / OPERATE)
