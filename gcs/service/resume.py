@@ -47,6 +47,12 @@ def resume_from_journal(
             if resume:
                 problem = "there is none to resume from" if state is None else "its mission has ended"
                 raise JournalError(str(journal.path), problem)
+            if snapshot is not None and abs(now_ns - snapshot.t_ns) < _STALE_S * NS_PER_S:
+                console.print(
+                    f"the mission in {journal.path} has ended: a new one begins, with new tasks",
+                    markup=False,
+                    soft_wrap=True,
+                )
             return
         age_s = (now_ns - snapshot.t_ns) / NS_PER_S
         if resume is None and not -_STALE_S < age_s < _STALE_S:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,7 +17,7 @@ from gcs.core.engine import Engine
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.core.state import State
 from gcs.errors import JournalError
-from gcs.model import Event, NoticeCode, Parameter, Snapshot, Tick
+from gcs.model import NS_PER_S, Event, NoticeCode, Parameter, Snapshot, Tick
 from gcs.service.journal import Journal, JournalSink, fingerprint
 from gcs.service.resume import resume_from_journal
 from gcs.service.service import Service
@@ -157,3 +158,15 @@ def test_any_change_of_bytes_is_an_error_of_ours_or_changes_nothing(
     except JournalError:
         return
     assert found == WRITTEN
+
+
+def test_a_mission_that_has_ended_is_not_resumed_and_the_operator_is_told(journal: Journal) -> None:
+    """Vehicles that have arrived get new tasks: nobody expects that of a restart."""
+    state = Engine(load("prescribed"), 1).state
+    state.has_ended = True
+    journal.write(Snapshot(7, encode_state(state)))
+    for now_ns, is_told in ((8, True), (7 + 3600 * NS_PER_S, False)):
+        service, output = Started(), StringIO()
+        resume_from_journal(service, journal, None, now_ns, Console(file=output))  # type: ignore[arg-type]
+        assert not service.engine.state.has_ended
+        assert ("has ended: a new one begins" in output.getvalue()) is is_told
