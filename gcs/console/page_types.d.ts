@@ -501,6 +501,8 @@ export interface MissionItem {
   /** Null: it has no place. */
   at: Point | null;
   alt_m: number | null;
+  /** What `alt_m` is above: home, or mean sea level (routes over terrain, an ArduPlane's home). */
+  reference: "home" | "msl";
 }
 
 /** Onboard mission of a vehicle, by the last read-back. */

@@ -36,6 +36,8 @@ def test_a_record_tells_claims_onboard_mission_and_upload() -> None:
     place = mission.items[-1].at
     assert place is not None
     assert all(0.0 <= value <= 2000.0 for value in place)
+    home, first, *_ = [(item.alt_m, item.reference) for item in mission.items]
+    assert (home, first) == ((70.0, "msl"), (100.0, "home"))
     assert ours.link.state == "alive"
     assert ours.agent == run.engine.stages.status_report.build(t_ns).agents[0]
     with pytest.raises(UnknownVehicleError):

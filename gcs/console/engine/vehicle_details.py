@@ -123,4 +123,6 @@ def _item(seq: int, item: Item, frame: LocalFrame) -> MissionItem:
     at = None
     if item.x or item.y:
         at = rounded_place(*frame.to_local(item.x * _DEGREES, item.y * _DEGREES))
-    return MissionItem(seq, name.removeprefix("MAV_CMD_").removeprefix("NAV_"), at, rounded(item.z_m))
+    name = name.removeprefix("MAV_CMD_").removeprefix("NAV_")
+    is_msl = item.frame in (dialect.MAV_FRAME_GLOBAL, dialect.MAV_FRAME_GLOBAL_INT)
+    return MissionItem(seq, name, at, rounded(item.z_m), "msl" if is_msl else "home")

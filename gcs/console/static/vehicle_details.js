@@ -20,6 +20,7 @@ const HEADS = [
   ["east", ""],
   ["north", ""],
   ["alt m", ""],
+  ["above", "left"],
 ];
 
 /** @param {string} text */
@@ -218,7 +219,7 @@ function positionOf({ agent, position: { cusum, alarm_cusum: limit, refused } })
 
 /** @param {MissionDetail} mission */
 function itemRows({ items, current }) {
-  return items.map(({ seq, command, at, alt_m: alt }) => {
+  return items.map(({ seq, command, at, alt_m: alt, reference }) => {
     const isCurrent = seq === current;
     const attributes = isCurrent ? { class: "current", "aria-current": "step" } : {};
     return el(
@@ -229,6 +230,7 @@ function itemRows({ items, current }) {
       el("td", {}, number(at?.[0])),
       el("td", {}, number(at?.[1])),
       el("td", {}, at ? number(alt) : "–"),
+      el("td", { class: "left" }, at ? (reference === "msl" ? "sea level" : "home") : ""),
     );
   });
 }

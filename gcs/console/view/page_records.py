@@ -313,6 +313,8 @@ class MissionItem(Struct, frozen=True):
     at: Point | None
     """Null: it has no place."""
     alt_m: float | None
+    reference: Literal["home", "msl"]
+    """What `alt_m` is above: home, or mean sea level (routes over terrain, an ArduPlane's home)."""
 
 
 class MissionDetail(Struct, frozen=True):
