@@ -154,10 +154,13 @@ def test_every_action_of_the_page_has_its_effect_in_the_vehicles(demo, page):
     expect(target).to_contain_text("priority 1, pinned 3")
     page.keyboard.press("u")
     expect(target).not_to_contain_text("pinned")
+    page.get_by_label("Priority").focus()  # as after a choice
     page.keyboard.press("i")
     expect(target).to_contain_text("ignored, priority 1")
     page.keyboard.press("i")
     expect(target).not_to_contain_text("ignored")
+    page.keyboard.press("Space")
+    expect(row.locator(".c-authority")).to_have_text("held")
 
     page.keyboard.press("n")
     page.get_by_role("button", name="Draw a circle").click()

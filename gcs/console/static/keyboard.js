@@ -11,7 +11,8 @@ import { vehicleName } from "./format.js";
 
 const DIGITS_MS = 600;
 const CHECKBOX = "input[type=checkbox]";
-const FIELDS = "input:not([type=checkbox]):not([type=range]), select, textarea";
+const FIELDS = "input:not([type=checkbox]):not([type=range]), textarea";
+const NOT_OF_LISTS = /^[a-z,.? ]$/i; // keys that a list of choices has no use for
 
 /** @type {[key: string, text: string][]} */
 export const KEYS = [
@@ -92,12 +93,12 @@ export function listenToKeys(actions, feed, selection) {
   /** @param {string} digit */
   const select = (digit) => {
     const found = find(digits.add(digit, Date.now())) ?? find(digit);
-    leaveCheckbox();
+    leaveChoice();
     if (found) selection.set([found.vehicle]);
   };
 
   const selectAll = () => {
-    leaveCheckbox();
+    leaveChoice();
     selection.set(feed.data.vehicles.filter((one) => one.status !== "lost").map((one) => one.vehicle));
   };
 
@@ -115,6 +116,10 @@ export function listenToKeys(actions, feed, selection) {
 
   addEventListener("keydown", (event) => {
     if (isDialogOpen() || isIn(event, FIELDS)) return;
+    if (isIn(event, "select")) {
+      if (!NOT_OF_LISTS.test(event.key)) return;
+      leaveChoice();
+    }
     if (event.key === " ") {
       digits.end();
       if (!event.shiftKey && isIn(event, CHECKBOX)) return;
@@ -134,10 +139,10 @@ export function listenToKeys(actions, feed, selection) {
   });
 }
 
-/** Take the focus from a checkbox: a space is to hold the vehicles that are selected now. */
-function leaveCheckbox() {
+/** Take the focus from a checkbox or a list of choices: the next keys are for vehicles, map or replay. */
+function leaveChoice() {
   const focused = document.activeElement;
-  if (focused instanceof HTMLElement && focused.matches(CHECKBOX)) focused.blur();
+  if (focused instanceof HTMLElement && focused.matches(`${CHECKBOX}, select`)) focused.blur();
 }
 
 function isDialogOpen() {
