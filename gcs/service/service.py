@@ -355,7 +355,7 @@ class Service:
         t_ns = self.clock.now_ns()
         for agent in self.config.agents:
             vehicle = agent.vehicle
-            if fleet.is_signed(vehicle) and not self.links.is_keyed(fleet.link(vehicle), vehicle):
+            if fleet.is_signed(vehicle) and self.links.is_keyed(fleet.link(vehicle), vehicle) is False:
                 if vehicle not in self._keyless_t_ns:
                     self._put(LinkNews(Notice(t_ns, NoticeCode.KEY_MISSING, vehicle)))
                 self._keyless_t_ns[vehicle] = t_ns

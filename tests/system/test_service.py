@@ -208,6 +208,18 @@ def test_a_vehicle_that_signs_without_a_key_here_is_named_once(service, monkeypa
     assert notice.vehicle == 3
 
 
+def test_a_key_is_not_called_missing_before_the_bridge_has_told_its_keys(service, monkeypatch):
+    told_of, keyed = [], [None]
+    monkeypatch.setattr(service.engine.stages.fleet, "is_signed", lambda vehicle: vehicle == 3)
+    monkeypatch.setattr(service.links, "is_keyed", lambda link, vehicle: keyed[0])
+    monkeypatch.setattr(service, "_put", lambda news: told_of.append(news.notice.code))
+    service._check_keys()
+    assert told_of == []
+    keyed[0] = False
+    service._check_keys()
+    assert told_of == [NoticeCode.KEY_MISSING]
+
+
 def test_a_missing_key_is_told_until_the_vehicle_no_longer_signs(service, monkeypatch):
     signed, told_of, at_ns = {3}, [], [0]
     monkeypatch.setattr(service.engine.stages.fleet, "is_signed", lambda vehicle: vehicle in signed)

@@ -128,9 +128,12 @@ class AllBridges:
         """Return the number of sends that the system refused, by endpoint."""
         return reduce(or_, (bridge.unsent() for bridge in self.bridges))
 
-    def is_keyed(self, link: str, vehicle: int | None = None) -> bool:
-        """Return True if frames of a vehicle on a link must be signed; without a vehicle: of any system."""
-        return link in self._bridge_of and self._bridge_of[link].is_keyed(link, vehicle)
+    def is_keyed(self, link: str, vehicle: int | None = None) -> bool | None:
+        """Return True if frames of a vehicle on a link must be signed; without a vehicle: of any system.
+
+        None until its bridge has told it.
+        """
+        return self._bridge_of[link].is_keyed(link, vehicle) if link in self._bridge_of else False
 
     def signing_counters(self) -> Mapping[str, SigningCounters]:
         """Return the counters of signatures, by link."""

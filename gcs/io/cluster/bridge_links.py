@@ -102,6 +102,7 @@ class BridgeLinks:
         self._scan = scan
         self._supervise = supervise
         self._status = BridgeStatus(ports=dict(ports or {}), unsent={}, stations={}, counters={})
+        self._has_status = False
         self._is_busy: Callable[[int], bool] = lambda _: False
         self._busy: tuple[int, ...] | None = None
         """Busy vehicles that the bridge knows of; None if it knows nothing yet."""
@@ -169,6 +170,7 @@ class BridgeLinks:
     def _take_status(self, key: str, payload: bytes) -> None:
         with contextlib.suppress(WireError):
             self._status = decode(key, payload, BridgeStatus)
+            self._has_status = True
             self._note_heard()
 
     def _note_heard(self) -> None:
@@ -310,8 +312,13 @@ class BridgeLinks:
         """Return the number of sends that the system refused, by endpoint."""
         return {link.name: self._status.unsent.get(link.name, 0) for link in self.links}
 
-    def is_keyed(self, link: str, vehicle: int | None = None) -> bool:
-        """Return True if frames of a vehicle on a link must be signed; without a vehicle: of any system."""
+    def is_keyed(self, link: str, vehicle: int | None = None) -> bool | None:
+        """Return True if frames of a vehicle on a link must be signed; without a vehicle: of any system.
+
+        None until the bridge has told it.
+        """
+        if not self._has_status:
+            return None
         if vehicle is None:
             return link in self._status.keyed_links
         return (link, vehicle) in self._status.keyed_vehicles

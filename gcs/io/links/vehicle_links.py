@@ -72,8 +72,11 @@ class VehicleLinks(Protocol):
     def unsent(self) -> dict[str, int]:
         """Return the number of sends that the system refused, by endpoint."""
 
-    def is_keyed(self, link: str, vehicle: int | None = None) -> bool:
-        """Return True if frames of a vehicle on a link must be signed; without a vehicle: of any system."""
+    def is_keyed(self, link: str, vehicle: int | None = None) -> bool | None:
+        """Return True if frames of a vehicle on a link must be signed; without a vehicle: of any system.
+
+        None if that is not known yet.
+        """
 
     def signing_counters(self) -> Mapping[str, SigningCounters]:
         """Return the counters of signatures, by link."""
