@@ -128,8 +128,12 @@ def main() -> int:
         return 1
     start = await_start()
     if start is not None:
-        with contextlib.redirect_stdout(sys.stderr):
-            forward_truth(link, start.clock, arguments.truth)
+        try:
+            with contextlib.redirect_stdout(sys.stderr):
+                forward_truth(link, start.clock, arguments.truth)
+        except OSError as error:
+            sys.stderr.write(f"{arguments.link}: {error.strerror or error}; did the simulation end?\n")
+            return 1
     return 0
 
 

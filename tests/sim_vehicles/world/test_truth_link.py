@@ -95,3 +95,27 @@ def test_a_link_without_an_answer_is_named() -> None:
     assert done.returncode != 0
     assert "tcp:127.0.0.1:1: Connection refused; is the simulation running?" in done.stderr
     assert "the link to the running vehicles did not start" in " ".join(done.stderr.split())
+
+
+@pytest.mark.real_time
+def test_a_simulation_that_ends_is_named_without_a_traceback() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as simulation:
+        where = f"tcp:127.0.0.1:{simulation.getsockname()[1]}"
+        world = subprocess.Popen(
+            [sys.executable, "-P", "-m", "sim_vehicles", "world", "prescribed", "--link", where,
+             "--zenoh", free_endpoint(), "--zenoh-role", "listen"],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        )  # fmt: skip
+        try:
+            connection, _ = simulation.accept()
+            assert world.stdout is not None
+            while "flying" not in (said := world.stdout.readline()):
+                assert said
+            connection.close()
+            simulation.close()
+            said, _ = world.communicate(timeout=40)
+        finally:
+            world.kill()
+    assert world.returncode != 0
+    assert f"{where}: Connection refused; did the simulation end?" in said
+    assert "Traceback" not in said
