@@ -280,6 +280,16 @@ def test_a_mode_that_is_not_ours_is_reported_at_the_start_with_the_remedy(autopi
     assert stage.noticed(NoticeCode.OURS_AGAIN)
 
 
+def test_nobody_is_said_to_have_chosen_the_mode_of_a_start() -> None:
+    stage = airborne(ARDUPLANE, "INITIALISING")
+    stage.wait(5.0)
+    assert not stage.noticed(NoticeCode.OVERRIDDEN)
+    stage.mode = "MANUAL"
+    stage.wait(5.0)
+    (overridden,) = stage.noticed(NoticeCode.OVERRIDDEN)
+    assert overridden.parameters["mode"] == "MANUAL"
+
+
 def test_a_mode_that_an_operator_ordered_here_is_not_an_override() -> None:
     stage = airborne(ARDUPLANE, "AUTO")
     stage.order("return")

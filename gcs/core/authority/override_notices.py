@@ -14,7 +14,7 @@ from gcs.core.authority.overrides import Overrides
 from gcs.core.flight.failsafes import Failsafes
 from gcs.core.operator.vehicle_orders import Orders
 from gcs.core.state import Agent
-from gcs.mavlink.autopilots.modes import LOITER, PILOTED, RTL
+from gcs.mavlink.autopilots.modes import INITIALISING, LOITER, PILOTED, RTL
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.services.retry import ns
 from gcs.model import Authority, Effect, Label, Notice, NoticeCode, targets_text, vehicle_name
@@ -66,7 +66,8 @@ class OverrideNotices:
             is_unknown = vehicle in unknown and not self._failsafes.cause(vehicle, t_ns)
             # What has landed is told as such, and is left alone: its autopilot may change its mode there.
             has_landed = agent.flight.phase.has_flown
-            if is_unknown or has_landed or self._orders.has_ordered(vehicle, mode):
+            is_starting = mode == INITIALISING
+            if is_unknown or has_landed or is_starting or self._orders.has_ordered(vehicle, mode):
                 mode = ""
             elif mode not in ("", before):
                 effects.append(self._notice(vehicle, mode, t_ns))

@@ -29,7 +29,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
+from gcs.mavlink.autopilots.modes import AUTO, INITIALISING, LOITER, RTL
 from gcs.mavlink.autopilots.preflight_parameters import ARDUPLANE_PARAMETERS, arduplane_parameters_for
 from gcs.mavlink.autopilots.profile import AutopilotProfile, FailsafeText, FenceLimits, PossibleReturn
 from gcs.mavlink.mission.items import Item
@@ -52,7 +52,7 @@ _MODES: Final = {
     13: "TAKEOFF",
     14: "AVOID_ADSB",
     15: "GUIDED",
-    16: "INITIALISING",
+    16: INITIALISING,
     17: "QSTABILIZE",
     18: "QHOVER",
     19: "QLOITER",

@@ -13,6 +13,8 @@ LOITER: Final = "LOITER"
 """Circles at its position (PX4: Hold)."""
 RTL: Final = "RTL"
 """Returns to launch."""
+INITIALISING: Final = "INITIALISING"
+"""Starts: an ArduPlane chooses its mode itself afterwards."""
 PILOTED: Final = frozenset(
     {"MANUAL", "STABILIZE", "STABILIZED", "TRAINING", "ACRO", "FBWA", "FBWB", "CRUISE", "AUTOTUNE"}
     | {"ALTCTL", "POSCTL", "RATTITUDE", "QSTABILIZE", "QHOVER", "QACRO"}
