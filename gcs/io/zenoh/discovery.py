@@ -91,7 +91,8 @@ def find_service(mission: str | None, option: str = "--zenoh") -> ServiceInfo:
         return found[0]
     if found:
         names = ", ".join(f"{one.mission} at {one.zenoh}" for one in found)
-        raise LinkError("gcs", f"several services run here ({names}): choose by --mission and {option}")
+        by = "--mission NAME" if mission is None else f"--mission {mission} {option} ENDPOINT"
+        raise LinkError("gcs", f"several services run here ({names}): choose one by {by}")
     what = "no service" if mission is None else f"no service of the mission {mission}"
     raise NoAnswerError(
         "gcs",
