@@ -87,8 +87,9 @@ def new(
             keys.default = _make_key(phrase)
         keys.save()
     _print(keys, secret=False)
+    named = "" if keys.vehicles else " -v ID"
     console.print(
-        f"written to {file}, for you alone. Next: gcs keys install {file} ENDPOINT", highlight=False
+        f"written to {file}, for you alone. Next: gcs keys install {file} ENDPOINT{named}", highlight=False
     )
 
 

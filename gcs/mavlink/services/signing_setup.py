@@ -23,6 +23,11 @@ Outcome: TypeAlias = Literal["", "done", "failed"]
 _RETRY_NS: Final = ns(1.0)
 _ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 _LINK_ID: Final = 0
+_NO_KEY_TAKEN: Final = "did not begin to sign with the key: does its firmware sign on this port?"
+_HAS_ANOTHER_KEY: Final = (
+    "keeps signing with a key that is not in the file: name the file that has it with gcs keys rotate, or "
+    "use ArduPilot's first serial port, which takes a new key without the old one"
+)
 
 
 class SigningSetup:
@@ -51,7 +56,7 @@ class SigningSetup:
     ) -> None:
         self.system_id = system_id
         self.outcome: Outcome = ""
-        self.detail = "was not heard"
+        self.detail = "was not heard: is it on, with this system id, and is no service on this link?"
         self.sent = 0
         """SETUP_SIGNING frames sent."""
         self._key = key
@@ -59,13 +64,14 @@ class SigningSetup:
         self._next_time = next_time
         self._deadline_ns = deadline_ns
         self._encode = Encoder()
-        self._heard = self._holds_old = self._holds_new = self._has_requested = False
+        self._heard = self._is_signed = self._holds_old = self._holds_new = self._has_requested = False
         self._due_ns = 0
 
     def receive(self, frame: Frame) -> None:
         """Process a frame of any sender."""
         if self.outcome or (frame.system_id, frame.component_id) != (self.system_id, AUTOPILOT_COMPONENT_ID):
             return
+        self._is_signed = frame.signed
         self._holds_new = frame.signed and is_signed_by(frame.data, self._key)
         if frame.signed and self._old is not None and not self._holds_new:
             self._holds_old = is_signed_by(frame.data, self._old)
@@ -86,7 +92,7 @@ class SigningSetup:
             return
         if not self._heard:
             self._heard = True
-            self.detail = "did not begin to sign with the key"
+            self.detail = _HAS_ANOTHER_KEY if self._is_signed and not self._holds_old else _NO_KEY_TAKEN
 
     def poll(self, t_ns: int) -> list[bytes]:
         """Advance the timers; return the frames to send."""
