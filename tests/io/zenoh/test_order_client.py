@@ -175,7 +175,7 @@ def test_a_service_that_was_killed_is_not_found(runtime: Path) -> None:
         (folder / "broken.json").write_text("{")
         assert [one.mission for one in running_services()] == ["prescribed"]
         with announced("other", "tcp/127.0.0.1:3"):
-            with pytest.raises(LinkError, match="several services.*choose one by --mission NAME$"):
+            with pytest.raises(LinkError, match=r"several services.*choose one by --mission NAME$"):
                 find_service(None)
             assert find_service("other").zenoh == "tcp/127.0.0.1:3"
     assert running_services() == []
