@@ -14,7 +14,9 @@ from rich.table import Table
 from gcs.cli.arguments import ConfigArgument, JsonOption, MapSeedOption, command_app
 from gcs.cli.errors import exit_on_error
 from gcs.cli.zenoh_security import zenoh_warnings
+from gcs.errors import ConfigError
 from gcs.io.terminal import console_for
+from gcs.mistake_codes import MistakeCode
 
 if TYPE_CHECKING:
     from gcs.config import Config
@@ -150,7 +152,11 @@ def _node(config: Config, source: str) -> Node | None:
         return None
     from gcs.io.zenoh.certificates import read_node
 
-    return read_node(folder)
+    node = read_node(folder)
+    if node.role not in ("command", "bridge"):
+        problem = f"{node.common_name} may not command vehicles: expected a certificate of the role command"
+        raise ConfigError(source, "links.zenoh_tls", MistakeCode.BAD_CREDENTIALS, problem)
+    return node
 
 
 def _zenoh_text(config: Config, node: Node | None) -> str:

@@ -16,6 +16,18 @@ from gcs.cli import app
 from gcs.errors import ConfigError
 from gcs.io.zenoh.certificates import read_node, read_nodes
 
+_MISSION = """
+name = "m"
+[frame]
+lat_deg = 33.2
+lon_deg = -87.6
+alt_msl_m = 70.0
+[[agents]]
+system_id = 1
+east_m = 200.0
+north_m = 200.0
+"""
+
 
 def keys(*arguments: object):
     return CliRunner(env={"COLUMNS": "200"}).invoke(app, ["keys", *map(str, arguments)])
@@ -168,3 +180,21 @@ def test_mistakes_in_the_list_of_nodes_are_named(tmp_path: Path, text: str, word
     with pytest.raises(ConfigError) as caught:
         read_nodes(path)
     assert words in str(caught.value)
+
+
+def test_a_check_refuses_a_certificate_with_which_the_service_does_not_start(
+    ca: Path, tmp_path: Path
+) -> None:
+    node(ca, "anna", "operator")
+    node(ca, "hub", "command")
+    file = tmp_path / "m.toml"
+
+    def check(folder: str):
+        tls = f'[links]\nzenoh = "tls/0.0.0.0:7447"\nzenoh_tls = "ca/{folder}"\n'
+        file.write_text(_MISSION + tls)
+        return CliRunner(env={"COLUMNS": "200"}).invoke(app, ["check", str(file)])
+
+    assert check("command.hub").exit_code == 0
+    refused = check("operator.anna")
+    assert refused.exit_code == 2
+    assert "links.zenoh_tls: operator.anna may not command vehicles" in refused.output
