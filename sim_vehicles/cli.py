@@ -167,11 +167,13 @@ def world(
 
 def _check_certificate(endpoint: str, role: str, folder: Path | None) -> None:
     """Check that a certificate is accepted, and lets the world publish for all sensors."""
-    if folder is None:
-        return
     from gcs.io.zenoh.certificates import read_node
     from gcs.io.zenoh.handshake import tls_problem
+    from gcs.io.zenoh.session import check_transport
 
+    check_transport(endpoint.split(","), folder)
+    if folder is None:
+        return
     node = read_node(folder)
     if node.role != "command":
         problem = f"{node.common_name} may publish for itself alone; the simulated world has all sensors: "

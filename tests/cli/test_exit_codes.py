@@ -39,6 +39,16 @@ def test_simulated_vehicles_have_help_and_a_version(option: str, words: str) -> 
     assert (result.exit_code, words in result.output) == (0, True)
 
 
+@pytest.mark.parametrize(
+    "command", [["run", "prescribed"], ["world", "prescribed", "--link", "udpin:127.0.0.1:0"]]
+)
+def test_a_simulated_world_without_its_certificate_is_refused_before_it_starts(command: list[str]) -> None:
+    """It ended with a traceback of one of its processes."""
+    refused = CliRunner().invoke(sim_vehicles, [*command, "--zenoh", "tls/127.0.0.1:1"])
+    assert refused.exit_code == 2
+    assert "needs a certificate: --zenoh-tls FOLDER" in " ".join(refused.output.split())
+
+
 def test_a_misspelt_word_of_a_mission_file_is_answered_with_the_words_it_may_be(tmp_path: Path) -> None:
     made = CliRunner().invoke(app, ["check", "prescribed"])
     assert made.exit_code == 0

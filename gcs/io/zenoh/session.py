@@ -18,7 +18,7 @@ from __future__ import annotations
 import contextlib
 import json
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Literal, Self
@@ -60,7 +60,7 @@ class ZenohSession:
         self.endpoint = connect or listen or ""
         if not self.endpoint:
             raise ValueError("a session listens or connects")
-        _check_transport([*_endpoints(listen), *_endpoints(connect)], tls)
+        check_transport([*_endpoints(listen), *_endpoints(connect)], tls)
         self.node = None if tls is None else _read_node(tls)
         """Own certificate; None without TLS."""
         config = _config(listen, connect)
@@ -297,7 +297,14 @@ def _endpoints(text: str | None) -> list[str]:
     return text.split(",") if text else []
 
 
-def _check_transport(endpoints: list[str], tls: Path | None) -> None:
+def check_transport(endpoints: Iterable[str], tls: Path | None) -> None:
+    """Check that TLS endpoints come with a certificate, and only those.
+
+    Raises
+    ------
+    LinkError
+        They do not.
+    """
     for endpoint in endpoints:
         is_tls = endpoint.startswith("tls/")
         if is_tls and tls is None:
