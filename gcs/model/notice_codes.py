@@ -1364,7 +1364,7 @@ class NoticeCode(TableCode):
     NODE_WITHOUT_RIGHTS = _link(
         "node-without-rights",
         _W,
-        "{name} connected and may do nothing here: nodes.toml does not list it",
+        "{name} connected and may do nothing here: nodes.toml does not list it with that role",
         "a program with a valid certificate for zenoh, which was not or is no longer admitted",
         "add it to `nodes.toml` of this service and start the service again, or find out which program it is",
         by="name",
