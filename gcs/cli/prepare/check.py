@@ -65,6 +65,7 @@ def describe(scenario: str, seed: int, console: Console) -> None:
     blocked = int(grid.blocked.sum())
     low = int((obstacles.near_ground.blocked & ~grid.blocked).sum())
     area = config.map
+    fence = fence_of(config, scenario)
     planning = config.planning
     tracking = config.tracking
     table = Table(title=f"{config.name}: {config.description}", title_justify="left", show_header=False)
@@ -83,6 +84,7 @@ def describe(scenario: str, seed: int, console: Console) -> None:
     table.add_row(
         "obstacles",
         f"{blocked} nodes ({100 * blocked / grid.blocked.size:.1f} %) with seed {seed}"
+        + (", those outside the fence included" if fence.areas else "")
         + (f"; {low} more below the altitude layers" if low else ""),
     )
     if area.geojson:
@@ -127,7 +129,6 @@ def describe(scenario: str, seed: int, console: Console) -> None:
         }
         table.add_row("MAVLink", f"{link.name}: {', '.join(text for text, is_so in uses.items() if is_so)}")
     table.add_row("signing", f"keys of {config.links.keys}" if config.links.keys else "none")
-    fence = fence_of(config, scenario)
     rally = rally_of(config)
     ceiling = f"ceiling {fence.max_alt_rel_m:g} m" if fence.max_alt_rel_m else "no ceiling"
     table.add_row("fence", f"{len(fence.areas)} areas, {ceiling}; {len(rally)} rally points")

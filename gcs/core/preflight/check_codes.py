@@ -293,8 +293,9 @@ class CheckCode(TableCode):
     )
     RETURNS_NEAR_UNDER_CEILING = _warning(
         "returns-near-under-ceiling", "return heights", _RETURNS, _RETURNS_WANTED,
-        _MEETING + ", or raise fence.max_alt_rel_m: heights {step_m:g} m apart from {lowest_m:g} m on reach "
-        "{highest_m:g} m, and {max_height_m:g} m are allowed",
+        _MEETING + ", or begin below {lowest_m:g} m where ground and obstacles allow it, or raise "
+        "fence.max_alt_rel_m: heights {step_m:g} m apart from {lowest_m:g} m on reach {highest_m:g} m, and "
+        "{max_height_m:g} m are allowed",
     )  # fmt: skip
     RETURNS_NEAR_BY_RALLY = _warning(
         "returns-near-by-rally", "return heights", _RETURNS, _RETURNS_WANTED,
