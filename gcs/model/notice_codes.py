@@ -481,6 +481,17 @@ class NoticeCode(TableCode):
         "([take-offs](planning.md#one-after-another))",
         "wait; disarm it to cancel",
     )
+    TAKEOFF_STUCK = _vehicle(
+        "takeoff-stuck",
+        _W,
+        "does not lift off: its take-off began {since_s:.0f} s ago, and take-offs near by wait for it. Check "
+        "thrust and launch, or gcs order disarm --vehicle {vehicle}",
+        "armed in AUTO at its take-off item, and below 10 m for 30 s",
+        "launch it if it is thrown by hand; else disarm it and check motor, propeller and runway",
+    )
+    TAKEOFF_STUCK_NO_LONGER = _vehicle(
+        "takeoff-stuck-no-longer", _I, "has lifted off, or was stopped", ends="takeoff-stuck"
+    )
     CLIMBS_NEAR = _vehicle(
         "climbs-near",
         _A,

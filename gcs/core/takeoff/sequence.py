@@ -22,9 +22,9 @@ from gcs.core.state import State
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.mavlink.autopilots.modes import AUTO
 from gcs.mavlink.fleet.fleet import Fleet
-from gcs.mavlink.fleet.on_ground import is_on_ground
+from gcs.mavlink.fleet.on_ground import LOW_M, is_on_ground
 from gcs.mavlink.services.retry import ns
-from gcs.model import Effect, Notice, NoticeCode, Parameter, VehicleState, vehicle_name
+from gcs.model import NS_PER_S, Effect, Notice, NoticeCode, Parameter, VehicleState, vehicle_name
 
 SELF_LAUNCHING: Final = frozenset({AUTO, "TAKEOFF"})
 """Modes in which an armed vehicle on the ground takes off at once."""
@@ -33,6 +33,8 @@ _ALTITUDE_TOLERANCE_M: Final = 10.0
 _HYSTERESIS: Final = 1.1
 """Multiple of the distance that ends an alarm of two climbing vehicles."""
 _PERIOD_NS: Final = ns(1.0)
+_STUCK_NS: Final = ns(30.0)
+"""Time below `LOW_M` after which a vehicle in its take-off does not lift off."""
 
 
 class TakeoffSequence:
@@ -156,7 +158,7 @@ class TakeoffSequence:
         if t_ns < self._state.next_check_t_ns:
             return []
         self._state.next_check_t_ns = t_ns + _PERIOD_NS
-        return self._check_waiting(t_ns) + self._check_climbs(t_ns)
+        return self._check_waiting(t_ns) + self._check_stuck(t_ns) + self._check_climbs(t_ns)
 
     def _check_waiting(self, t_ns: int) -> list[Effect]:
         effects: list[Effect] = []
@@ -168,6 +170,26 @@ class TakeoffSequence:
             agent.takeoff.is_waiting = bool(reason)
             if reason and not was_waiting:
                 effects.append(Notice(t_ns, NoticeCode.TAKEOFF_WAITS, vehicle, {"reason": reason}))
+        return effects
+
+    def _check_stuck(self, t_ns: int) -> list[Effect]:
+        effects: list[Effect] = []
+        for state in self._fleet.states():
+            vehicle = state.system_id
+            takeoff = self._agents[vehicle].takeoff
+            if not self._missions.is_in_takeoff(vehicle) or self._fleet.height_m(state) >= LOW_M:
+                takeoff.low_since_t_ns = None
+                if takeoff.is_stuck:
+                    effects.append(Notice(t_ns, NoticeCode.TAKEOFF_STUCK_NO_LONGER, vehicle))
+                takeoff.is_stuck = False
+                continue
+            if takeoff.low_since_t_ns is None:
+                takeoff.low_since_t_ns = t_ns
+            since_ns = t_ns - takeoff.low_since_t_ns
+            if since_ns >= _STUCK_NS and not takeoff.is_stuck:
+                takeoff.is_stuck = True
+                about: dict[str, Parameter] = {"since_s": since_ns / NS_PER_S}
+                effects.append(Notice(t_ns, NoticeCode.TAKEOFF_STUCK, vehicle, about))
         return effects
 
     def _check_climbs(self, t_ns: int) -> list[Effect]:

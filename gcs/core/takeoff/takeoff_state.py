@@ -19,6 +19,10 @@ class AgentTakeoff:
     """Vehicle in the air that its climb would meet, in words; empty if there is none."""
     traffic_t_ns: int = 0
     """Time of that check."""
+    low_since_t_ns: int | None = None
+    """Begin of its take-off while it is lower than 10 m; else None."""
+    is_stuck: bool = False
+    """True after the warning that it does not lift off, until it does or is stopped."""
     is_waiting: bool = False
     """True while its take-off waits for that of another vehicle."""
 

@@ -127,6 +127,19 @@ def test_two_that_climb_apart_are_not_reported():
     assert takeoff_sequence.check(at(0.0)) == []
 
 
+def test_a_takeoff_that_does_not_lift_off_is_told_once_until_it_does():
+    """Others near by waited for it for minutes, and nobody was told."""
+    swarm = Swarm((900.0, 0.0), 0.0, speed=6.0)
+    swarm.is_in_takeoff = lambda vehicle: vehicle == 2
+    takeoff_sequence = sequence(swarm)
+    (stuck,) = [notice for t_s in range(60) for notice in takeoff_sequence.check(at(float(t_s)))]
+    assert (stuck.code, stuck.vehicle) == (NoticeCode.TAKEOFF_STUCK, 2)
+    assert stuck.parameters["since_s"] == 30.0
+    swarm._states[2] = replace(swarm._states[2], alt_msl_m=82.0)
+    codes = {notice.code: notice for notice in takeoff_sequence.check(at(60.0))}
+    assert codes[NoticeCode.TAKEOFF_STUCK_NO_LONGER].ended == (stuck.key,)
+
+
 @pytest.mark.parametrize(("apart_m", "is_reported"), [(30.0, True), (300.0, False)])
 def test_preflight_names_vehicles_that_stand_near_each_other(apart_m, is_reported):
     swarm = Swarm((apart_m, 0.0), 0.0, speed=0.0, armed=False)
