@@ -3,7 +3,6 @@
 import subprocess
 import sys
 import time
-from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -14,18 +13,19 @@ from gcs.io.zenoh.discovery import announced, is_running
 
 
 @pytest.mark.parametrize(("command", "option"), [("foxglove", "--connect"), ("status", "--zenoh")])
-@pytest.mark.parametrize("missions", [[], ["a", "b"]])
 def test_the_option_that_an_error_names_is_one_of_the_command(
-    command: str, option: str, missions: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    command: str, option: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An error told `gcs foxglove` to choose by an option that it does not have."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    with ExitStack() as stack:
-        for mission in missions:
-            stack.enter_context(announced(mission, "tcp/127.0.0.1:7447"))
-        output = CliRunner().invoke(app, [command]).output
-    assert option in output
-    assert len(set(output.split()) & {"--connect", "--zenoh"}) == 1
+    outputs = [CliRunner().invoke(app, [command]).output]
+    with announced("a", "tcp/127.0.0.1:7447"):
+        (folder,) = tmp_path.iterdir()
+        (folder / "a-1.json").write_text('{"mission": "a", "zenoh": "tcp/127.0.0.1:7448", "pid": 1}')
+        outputs.append(CliRunner().invoke(app, [command, "--mission", "a"]).output)
+    for output in outputs:
+        assert option in output
+        assert len(set(output.split()) & {"--connect", "--zenoh"}) == 1
 
 
 def test_a_process_that_has_ended_does_not_run_although_its_parent_has_not_waited_for_it() -> None:
