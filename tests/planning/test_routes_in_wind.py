@@ -1,5 +1,7 @@
 """A vehicle would be led into an obstacle in wind, where another route keeps out of it in all winds."""
 
+from itertools import pairwise
+
 import numpy as np
 from helpers.flown_clearance import in_wind, landing
 
@@ -9,6 +11,7 @@ from gcs.core.replanning.return_routes import landing_of
 from gcs.planning.flight_variants import windy_flights
 from gcs.planning.forward_simulation import LoiterCircle, Motion, RemainingMission
 from gcs.planning.manoeuvres.landing import plan_return_route
+from gcs.planning.map.line_of_sight import line_of_sight
 from gcs.planning.planner_inputs import AgentState, TargetDemand
 from gcs.planning.routes_in_wind import clearance_in_wind_m
 from gcs.planning.team_routes import plan_routes
@@ -70,3 +73,17 @@ def test_without_a_clear_return_route_that_is_flown_which_hits_least_often():
     flights = [*windy_flights(grid, motion, 60.0, spec.turns, spec.turn_lag_s, 0.0)]
     assert len(flights) == 20
     assert sum(not flight.is_clear for flight in flights) == 0
+
+
+def test_of_return_routes_without_the_clearance_one_keeps_some_for_gusts():
+    """As flown in seed 7: the first of them led 5 m beside an obstacle, and gusts took a vehicle into it."""
+    obstacles = load("random-obstacles")
+    config = landing(in_wind(obstacles, WindTable(), 0.375 * SPEED_M_S)).config
+    grid = mission_grid(obstacles.config, 7)
+    options = vehicle_options(config)[4]
+    points_m = np.array([(1577.4, 1558.9), (1679.0, 1539.8), (1787.1, 1373.9)])
+    start = AgentState(1500.0, 1560.0, 0.5 * np.pi, SPEED_M_S)
+    spec = landing_of(config.airframe_of(4))
+    home = plan_return_route(grid, start, points_m, (120.0, 1800.0), options, spec)
+    legs_m = np.vstack((points_m[-1:], home.points_m)).tolist()
+    assert all(line_of_sight(grid, begin, end, 6.0) for begin, end in pairwise(legs_m))

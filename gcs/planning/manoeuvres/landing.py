@@ -39,6 +39,8 @@ from gcs.planning.routes_in_wind import WIND_SHARES, widened
 _BEARINGS = 36
 _CLEARANCE_SHARES = (1.0, 0.5, MIN_CLEARANCE_SHARE, 0.0)
 """Shares of the clearance that the straight legs of a landing may keep, in order of preference."""
+_GUSTS_SHARE = 0.5 * MIN_CLEARANCE_SHARE
+"""Share of the clearance that a flown path should keep at least, for gusts."""
 _BASE_LEG_RADII = 2.5
 """Length of a base leg, in turn radii."""
 _SIMULATED_RADII = 6.0
@@ -345,7 +347,11 @@ class _Planner:
             hits += not flight.is_clear
             if hits and _SHARP + hits / (count + 1) >= most:
                 break
-        return _SHARP + hits / (count + 1) if hits else _TOO_NEAR
+        if hits:
+            return _SHARP + hits / (count + 1)
+        reach_m = _GUSTS_SHARE * self._options.clearance_m
+        has_some = most > _TOO_NEAR and self._is_flown_clear(points_m, reach_m)
+        return _TOO_NEAR if has_some else _TOO_NEAR + 0.5
 
     def _is_sharp(self, points_m: FloatArray, joined: int) -> bool:
         """Return True if a path turns too sharply where it joins the straight legs of a landing."""
