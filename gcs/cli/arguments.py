@@ -200,10 +200,6 @@ MissionOption = Annotated[
 ]
 ZenohOption = Annotated[
     str | None,
-    typer.Option(help="zenoh endpoint of the service, such as tls/10.0.0.5:7447.  [default: this machine]"),
-]
-ConnectOption = Annotated[
-    str | None,
     typer.Option(
         metavar="ENDPOINT",
         help="zenoh endpoint of the service, such as tls/10.0.0.5:7447.  [default: this machine]",

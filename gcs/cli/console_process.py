@@ -33,7 +33,7 @@ _NOTICES_S: Final = 1.0
 
 
 def serve_console(
-    connect: str | None,
+    zenoh: str | None,
     mission: str | None,
     tls: Path | None,
     options: PageOptions,
@@ -57,7 +57,7 @@ def serve_console(
     found = open_listener(options)
     if found is None:
         raise ConsoleError("gcs console serves a console; leave out --console off")
-    address = address_of(connect, mission, tls)
+    address = address_of(zenoh, mission, tls)
     with _served(*address, options, found, FIND_S, is_metrics_only=is_metrics_only) as server:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: server.close())

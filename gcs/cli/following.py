@@ -30,7 +30,7 @@ FIND_S: Final = 10.0
 
 
 def address_of(
-    connect: str | None, mission: str | None, tls: Path | None
+    zenoh: str | None, mission: str | None, tls: Path | None
 ) -> tuple[str, str | None, Path | None]:
     """Return zenoh endpoint, mission and certificate of a service: the named one, or that on this machine.
 
@@ -39,14 +39,14 @@ def address_of(
     LinkError
         When no endpoint is named, and there is none here, or more than one.
     """
-    if connect is not None:
-        return connect, mission, tls
-    found = choose_service(mission, None, tls, "--connect")
+    if zenoh is not None:
+        return zenoh, mission, tls
+    found = choose_service(mission, None, tls)
     return found.zenoh, found.mission, found.tls
 
 
 @contextmanager
-def followed(connect: str | None, mission: str | None, tls: Path | None) -> Iterator[Source]:
+def followed(zenoh: str | None, mission: str | None, tls: Path | None) -> Iterator[Source]:
     """Find a service, and stay connected while the context lasts.
 
     Raises
@@ -54,7 +54,7 @@ def followed(connect: str | None, mission: str | None, tls: Path | None) -> Iter
     LinkError
         When none is found.
     """
-    endpoint, name, folder = address_of(connect, mission, tls)
+    endpoint, name, folder = address_of(zenoh, mission, tls)
     with ZenohSession(connect=endpoint, tls=folder) as bus:
         yield asyncio.run(find_run(bus, name, FIND_S))
 

@@ -129,7 +129,7 @@ def _command(
     mission_file: str | None,
 ) -> list[str]:
     """Return the command of the process that serves the console on a socket."""
-    command = [sys.executable, "-P", "-m", "gcs", "console", "--connect", endpoint, "--mission", mission]
+    command = [sys.executable, "-P", "-m", "gcs", "console", "--zenoh", endpoint, "--mission", mission]
     address = f"{access.host}:{listener.getsockname()[1]}"
     command += ["--console", address, "--listener", str(listener.fileno())]
     for name, value in (

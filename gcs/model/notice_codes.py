@@ -1554,7 +1554,7 @@ class NoticeCode(TableCode):
         _A,
         "ended {starts} times in a row ({error}) and is not started again; the flight goes on",
         "the process fails each time; the pages of this console are gone",
-        "report it; elsewhere `gcs console --connect` may serve a console",
+        "report it; elsewhere `gcs console --zenoh` may serve a console",
     )
     CONSOLE_FAILED = _link(
         "console-failed",

@@ -31,7 +31,7 @@ FIX = "/vehicle/1/fix"
 
 @contextmanager
 def foxglove(endpoint: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    command = [*GCS, "--connect", endpoint, "--port", "0"]
+    command = [*GCS, "--zenoh", endpoint, "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
         try:
             assert process.stdout is not None
@@ -124,7 +124,7 @@ def test_a_display_gets_positions_areas_and_notices_with_their_schemas(fly, laun
 def test_a_port_that_is_taken_is_a_mistake_that_is_named(fly):
     with fly() as flight, socket.create_server(("127.0.0.1", 0)) as other:
         port = str(other.getsockname()[1])
-        command = [*GCS, "--connect", flight.endpoint, "--port", port]
+        command = [*GCS, "--zenoh", flight.endpoint, "--port", port]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert f"port {port} cannot be opened" in done.stderr

@@ -14,7 +14,7 @@ from gcs.console.web.prometheus import metrics_text
 
 @contextmanager
 def metrics_of(endpoint: str) -> Iterator[str]:
-    command = [sys.executable, "-P", "-m", "gcs", "metrics", "--connect", endpoint, "--listen", "127.0.0.1:0"]
+    command = [sys.executable, "-P", "-m", "gcs", "metrics", "--zenoh", endpoint, "--listen", "127.0.0.1:0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None

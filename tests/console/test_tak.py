@@ -23,7 +23,7 @@ EVENT = re.compile(rb"<event .*?</event>", re.DOTALL)
 
 @contextmanager
 def tak(endpoint: str, url: str) -> Iterator[subprocess.Popen[str]]:
-    command = [sys.executable, "-P", "-m", "gcs", "tak", url, "--connect", endpoint]
+    command = [sys.executable, "-P", "-m", "gcs", "tak", url, "--zenoh", endpoint]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
         try:
             yield process
@@ -86,7 +86,7 @@ def test_a_server_that_closes_or_stops_reading_gets_another_connection(fly, laun
 
 @pytest.mark.parametrize("url", ["239.2.3.1:6969", "http://tak:8087", "udp://tak", "tak://host?token=x"])
 def test_a_url_that_is_none_is_refused_before_anything_is_sent(url: str) -> None:
-    command = [sys.executable, "-P", "-m", "gcs", "tak", url, "--connect", "tcp/127.0.0.1:1"]
+    command = [sys.executable, "-P", "-m", "gcs", "tak", url, "--zenoh", "tcp/127.0.0.1:1"]
     done = subprocess.run(command, capture_output=True, text=True, env=os.environ, check=False)
     assert done.returncode == 2
     assert "expected tcp://HOST:PORT" in done.stderr

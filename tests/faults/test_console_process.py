@@ -143,7 +143,7 @@ def test_a_stopped_console_with_pages_delays_no_heartbeat(tmp_path: Path, monkey
 def test_two_consoles_show_the_same_service_and_both_command_it(run: Run) -> None:
     _, url = started(run)
     run.until("flown", lambda said: said.count("verified by read-back") >= 4, 120.0)
-    command = [*GCS, "console", "--connect", run.zenoh, "--console", "127.0.0.1:0"]
+    command = [*GCS, "console", "--zenoh", run.zenoh, "--console", "127.0.0.1:0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as other:
         assert other.stdout is not None
         second = url_in(other.stdout.readline())
@@ -161,7 +161,7 @@ def test_two_consoles_show_the_same_service_and_both_command_it(run: Run) -> Non
 @pytest.mark.real_time
 def test_a_console_says_that_its_service_is_gone_and_goes_on_with_the_next_one(run: Run) -> None:
     first = run.serve("first")
-    command = [*GCS, "console", "--connect", run.zenoh, "--console", "127.0.0.1:0"]
+    command = [*GCS, "console", "--zenoh", run.zenoh, "--console", "127.0.0.1:0"]
     run.until("first", lambda said: "in contact" in said, 120.0)
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as other, ExitStack() as ends:
         ends.callback(other.terminate)
@@ -200,7 +200,7 @@ def test_the_console_ends_with_a_killed_service_and_its_port_is_free(run: Run) -
 
 @pytest.mark.real_time
 def test_a_console_without_a_service_says_what_to_do() -> None:
-    command = [*GCS, "console", "--connect", "tcp/127.0.0.1:9", "--mission", "none"]
+    command = [*GCS, "console", "--zenoh", "tcp/127.0.0.1:9", "--mission", "none"]
     found = subprocess.run(command, capture_output=True, text=True, check=False)
     assert found.returncode == 1
     assert "is it running" in found.stderr

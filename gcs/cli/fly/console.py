@@ -7,12 +7,12 @@ from typing import Annotated
 import typer
 
 from gcs.cli.arguments import (
-    ConnectOption,
     ConsoleAccessOption,
     ConsoleMapOption,
     ConsoleOption,
     MissionOption,
     OpenOption,
+    ZenohOption,
     ZenohTlsOption,
     command_app,
 )
@@ -24,7 +24,7 @@ app = command_app()
 
 @app.command()
 def console(
-    connect: ConnectOption = None,
+    zenoh: ZenohOption = None,
     mission: MissionOption = None,
     zenoh_tls: ZenohTlsOption = None,
     page: ConsoleOption = None,
@@ -37,7 +37,7 @@ def console(
     """Serve the console of a service that runs elsewhere, until Ctrl-C.
 
     `gcs run` and `gcs demo` serve one themselves; this is another one, on this machine or on one that reaches
-    the service's zenoh endpoint: `gcs console --connect tls/10.0.0.5:7447 --zenoh-tls FOLDER`. It shows the
+    the service's zenoh endpoint: `gcs console --zenoh tls/10.0.0.5:7447 --zenoh-tls FOLDER`. It shows the
     same, and its orders go to the same service. It costs the flight nothing: end it, or start more of them,
     at any time.
 
@@ -49,6 +49,6 @@ def console(
     options = PageOptions(page, page_access, open_page, page_map)
     with exit_on_error():
         if listener is not None:
-            serve_for_parent(connect or "", mission or "", zenoh_tls, options, listener, mission_file)
+            serve_for_parent(zenoh or "", mission or "", zenoh_tls, options, listener, mission_file)
         else:
-            serve_console(connect, mission, zenoh_tls, options, console_for())
+            serve_console(zenoh, mission, zenoh_tls, options, console_for())

@@ -7,9 +7,9 @@ from typing import Annotated, Final
 import typer
 
 from gcs.cli.arguments import (
-    ConnectOption,
     ConsoleAccessOption,
     MissionOption,
+    ZenohOption,
     ZenohTlsOption,
     command_app,
 )
@@ -23,7 +23,7 @@ app = command_app()
 
 @app.command()
 def metrics(
-    connect: ConnectOption = None,
+    zenoh: ZenohOption = None,
     mission: MissionOption = None,
     zenoh_tls: ZenohTlsOption = None,
     listen: Annotated[
@@ -34,7 +34,7 @@ def metrics(
     """Serve metrics of a running service for Prometheus, until Ctrl-C.
 
     They are those that a console has at `/metrics`; this address has nothing else: no page and no orders.
-    The service is one on this machine, also with `--console off`, or that of `--connect`.
+    The service is one on this machine, also with `--console off`, or that of `--zenoh`.
 
     In prometheus.yml: `static_configs: [{targets: ["127.0.0.1:9480"]}]`. The values are made when Prometheus
     reads them, and cost the flight as much as an open page.
@@ -44,4 +44,4 @@ def metrics(
 
     options = PageOptions(listen, page_access)
     with exit_on_error():
-        serve_console(connect, mission, zenoh_tls, options, console_for(), is_metrics_only=True)
+        serve_console(zenoh, mission, zenoh_tls, options, console_for(), is_metrics_only=True)

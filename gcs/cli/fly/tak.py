@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from gcs.cli.arguments import ConnectOption, MissionOption, ZenohTlsOption, command_app
+from gcs.cli.arguments import MissionOption, ZenohOption, ZenohTlsOption, command_app
 from gcs.cli.errors import exit_on_error
 from gcs.io.terminal import console_for
 
@@ -23,7 +23,7 @@ def tak(
             "for ATAK and WinTAK on this network, or udp://HOST:PORT.",
         ),
     ],
-    connect: ConnectOption = None,
+    zenoh: ZenohOption = None,
     mission: MissionOption = None,
     zenoh_tls: ZenohTlsOption = None,
     target_type: Annotated[
@@ -61,5 +61,5 @@ def tak(
         from gcs.report.export.cot import CotStyle
 
         link = TakLink(url)
-        with followed(connect, mission, zenoh_tls) as source:
+        with followed(zenoh, mission, zenoh_tls) as source:
             link.serve(source, CotStyle(target_type, geoid_m), console_for(), has_alarms=alarms)

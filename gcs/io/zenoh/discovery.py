@@ -78,8 +78,8 @@ def running_services() -> list[ServiceInfo]:
     return found
 
 
-def find_service(mission: str | None, option: str = "--zenoh") -> ServiceInfo:
-    """Return the one running service, or the one of a mission; errors name the `option` of an endpoint.
+def find_service(mission: str | None) -> ServiceInfo:
+    """Return the one running service, or the one of a mission.
 
     Raises
     ------
@@ -91,22 +91,20 @@ def find_service(mission: str | None, option: str = "--zenoh") -> ServiceInfo:
         return found[0]
     if found:
         names = ", ".join(f"{one.mission} at {one.zenoh}" for one in found)
-        by = "--mission NAME" if mission is None else f"--mission {mission} {option} ENDPOINT"
+        by = "--mission NAME" if mission is None else f"--mission {mission} --zenoh ENDPOINT"
         raise LinkError("gcs", f"several services run here ({names}): choose one by {by}")
     what = "no service" if mission is None else f"no service of the mission {mission}"
     raise NoAnswerError(
         "gcs",
         f"{what} runs on this machine: start `gcs run` or `gcs demo`, or name another machine's with "
-        f"--mission NAME {option} tls/HOST:PORT",
+        "--mission NAME --zenoh tls/HOST:PORT",
     )
 
 
-def choose_service(
-    mission: str | None, zenoh: str | None, tls: Path | None, option: str = "--zenoh"
-) -> ServiceAddress:
+def choose_service(mission: str | None, zenoh: str | None, tls: Path | None) -> ServiceAddress:
     """Return the address of a service: the given one, else that of the service on this machine.
 
-    There its own certificate is used, unless another one is given. Errors name the `option` of an endpoint.
+    There its own certificate is used, unless another one is given.
 
     Raises
     ------
@@ -114,7 +112,7 @@ def choose_service(
         There is none, or more than one, or an endpoint is given without a mission.
     """
     if zenoh is None:
-        found = find_service(mission, option)
+        found = find_service(mission)
         own = Path(found.zenoh_tls) if found.zenoh_tls else None
         return ServiceAddress(found.mission, found.zenoh, tls or own)
     if mission is None:

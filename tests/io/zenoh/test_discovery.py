@@ -12,9 +12,9 @@ from gcs.cli import app
 from gcs.io.zenoh.discovery import announced, is_running
 
 
-@pytest.mark.parametrize(("command", "option"), [("foxglove", "--connect"), ("status", "--zenoh")])
+@pytest.mark.parametrize("command", ["foxglove", "status"])
 def test_the_option_that_an_error_names_is_one_of_the_command(
-    command: str, option: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An error told `gcs foxglove` to choose by an option that it does not have."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
@@ -24,8 +24,7 @@ def test_the_option_that_an_error_names_is_one_of_the_command(
         (folder / "a-1.json").write_text('{"mission": "a", "zenoh": "tcp/127.0.0.1:7448", "pid": 1}')
         outputs.append(CliRunner().invoke(app, [command, "--mission", "a"]).output)
     for output in outputs:
-        assert option in output
-        assert len(set(output.split()) & {"--connect", "--zenoh"}) == 1
+        assert "--zenoh" in output.split()
 
 
 def test_a_process_that_has_ended_does_not_run_although_its_parent_has_not_waited_for_it() -> None:
