@@ -84,13 +84,18 @@ def test_the_sdist_has_what_a_build_and_a_reader_need(built: Path) -> None:
 
 def test_the_version_is_in_one_place() -> None:
     assert re.fullmatch(r"\d+\.\d+\.\d+(\.dev0|rc\d+)?", PROJECT["version"])
-    files = [path for path in ROOT.iterdir() if path.is_file() and path.name != "pyproject.toml"]
+    others = {"pyproject.toml", "requirements.lock", "package-lock.json", "CHANGELOG.md"}
+    files = [path for path in ROOT.iterdir() if path.is_file() and path.name not in others]
     for folder in ("gcs", "sim_vehicles", "config", "docs", "examples", ".github"):
         files += [path for path in walk(ROOT / folder) if path.suffix not in NO_TEXT]
     version = re.compile(
         rf"(?<![\d.]){re.escape(PROJECT['version'])}(?![\d.]*\d)|^__version__|^version: ", re.MULTILINE
     )
     assert [path for path in files if version.search(path.read_text(encoding="utf-8"))] == []
+    released = re.findall(
+        r"^## (\d+\.\d+\.\d+) - \d{4}-\d\d-\d\d$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE
+    )
+    assert "dev" in PROJECT["version"] or PROJECT["version"] == released[0]
 
 
 def test_the_locked_versions_are_those_that_the_package_allows_and_name_no_place() -> None:
