@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.hills import elevation_of, hill
-from helpers.sky import FIELD, LANDING, Sky, fly_on, give, place
+from helpers.sky import FIELD, LANDING, Sky, fly_on, give, place, with_one_home
 from helpers.staging import S
 
 from gcs.config.schema import TerrainTable
@@ -92,15 +92,16 @@ def test_one_of_two_that_come_home_to_land_holds_until_the_other_one_is_down(px4
 @pytest.mark.parametrize("in_descent", [False, True])
 def test_one_that_was_sent_home_to_land_may_hold_until_its_descent(in_descent, monkeypatch):
     """Behind the last point of its route it was not held."""
-    places = (1300.0, 2500.0, 60.0), (1330.0, 2500.0, 80.0)
-    sky = Sky(*places, orders=((20.0, "return"),), field=LANDING).fly(30.0)
-    while sky.planes[2].autopilot.seq < len(sky.planes[2].autopilot.mission) - (2 if in_descent else 3):
+    sky = with_one_home(Sky((1500.0, 2000.0, 60.0), field=LANDING), (1500.0, 300.0))
+    while sky.planes[1].autopilot.seq < len(sky.planes[1].autopilot.mission) - (2 if in_descent else 3):
         fly_on(sky, 1.0)
+    agent = sky.run_.engine.state.agents[1]
+    agent.routes.flown, agent.routes.stacked = None, agent.tasking.onboard.route
+    agent.perception.status = replace(agent.perception.status, status="active")
     avoidances = sky.run_.engine.stages.avoidances
-    assert sky.run_.engine.state.agents[2].routes.stacked is not None
     monkeypatch.setattr(OrderCheck, "hold_gain", lambda *_: 0.5)
     flights = avoidances._order_check.predict(sky.run_.t_ns)
-    encounter = Encounter((2, AIRCRAFT), 9.0, 10.0, 0.0, (1500.0, 1500.0, 130.0))
+    encounter = Encounter((1, AIRCRAFT), 9.0, 10.0, 0.0, (1500.0, 1500.0, 130.0))
     assert bool(avoidances.hold(encounter, flights)) is not in_descent
 
 
