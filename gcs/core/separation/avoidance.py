@@ -296,9 +296,9 @@ class Avoidances:
         return self._stays_at_target(vehicle) or self._comes_home(vehicle)
 
     def _comes_home(self, vehicle: int) -> bool:
-        """Return True if a vehicle flies its return route, up to the top of its descent.
+        """Return True if a vehicle flies its return route, up to the top of its descent, or holds on it.
 
-        It has arrived, or returns by order.
+        It has arrived, or returns by order. A command to hold may take effect behind the top of the descent.
         """
         agent = self._agents[vehicle]
         state = self._fleet.state(vehicle)
@@ -312,7 +312,8 @@ class Avoidances:
         if not (is_sent_home or has_arrived) or onboard.items[-1].command != MAV_CMD_NAV_LAND:
             return False
         is_on_leg = 0 <= seq < len(onboard.items) - 2 and onboard.items[seq].command == MAV_CMD_NAV_WAYPOINT
-        return is_on_leg and not self._climbs_first(vehicle, onboard.route)
+        may_begin = is_on_leg and not self._climbs_first(vehicle, onboard.route)
+        return may_begin or agent.separation.avoidance is not None
 
     def _stays_at_target(self, vehicle: int) -> bool:
         """Return True if a vehicle has arrived, and flies to the circle at its target, or round it.

@@ -68,8 +68,9 @@ def test_one_that_has_arrived_holds_for_another_and_flies_on_to_its_circle():
     assert agents[notice.vehicle].separation.avoidance is None
 
 
+@pytest.mark.parametrize("is_late", [False, True])
 @pytest.mark.parametrize("px4", [(), (1, 2)])
-def test_one_of_two_that_come_home_to_land_holds_until_the_other_one_is_down(px4, monkeypatch):
+def test_one_of_two_that_come_home_to_land_holds_until_the_other_one_is_down(px4, is_late, monkeypatch):
     """Without a clear circle to wait on, pairs came as near as 11 m and 10 m: neither was ours to hold."""
     monkeypatch.setattr(LandingOrder, "wait", lambda self, route, planned, grid, t_ns: (planned, ""))
     field = LANDING.replace("layers = 8", "layers = 1").replace("= 2900.0\nnorth", "= 1700.0\nnorth")
@@ -82,6 +83,8 @@ def test_one_of_two_that_come_home_to_land_holds_until_the_other_one_is_down(px4
     while len(landed) < 2 and sky.run_.t_ns < START_T_NS + 900 * S:
         fly_on(sky, 1.0)
         for number, plane in sky.planes.items():
+            if is_late and plane.autopilot.mode is Mode.LOITER and sky.told(NoticeCode.AVOIDS):
+                plane.autopilot.seq = len(plane.autopilot.mission) - 2  # as if it held in its descent
             if not plane.autopilot.flying:
                 landed.setdefault(number, sky.run_.t_ns / S)
     assert abs(landed[1] - landed[2]) > 60.0
