@@ -280,7 +280,7 @@ def test_a_mode_that_is_not_ours_is_reported_at_the_start_with_the_remedy(autopi
     assert stage.noticed(NoticeCode.OURS_AGAIN)
 
 
-def test_nobody_is_said_to_have_chosen_the_mode_of_a_start() -> None:
+def test_the_mode_of_a_start_is_not_told_as_a_choice_of_a_pilot() -> None:
     stage = airborne(ARDUPLANE, "INITIALISING")
     stage.wait(5.0)
     assert not stage.noticed(NoticeCode.OVERRIDDEN)

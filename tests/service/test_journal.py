@@ -161,7 +161,7 @@ def test_any_change_of_bytes_is_an_error_of_ours_or_changes_nothing(
 
 
 def test_a_mission_that_has_ended_is_not_resumed_and_the_operator_is_told(journal: Journal) -> None:
-    """Vehicles that have arrived get new tasks: nobody expects that of a restart."""
+    """Vehicles that have arrived get new tasks, which an operator does not expect of a restart."""
     state = Engine(load("prescribed"), 1).state
     state.has_ended = True
     journal.write(Snapshot(7, encode_state(state)))

@@ -111,7 +111,9 @@ class ReturnRoutes:
                 detour, problem = order.wait(route, past, grid, t_ns)
                 if not problem:
                     return detour, ""
-        return order.wait(route, planned, grid, t_ns) if too_soon else (waiting, "")
+        if too_soon:  # once more: the last call reserves the landing
+            return order.wait(route, planned, grid, t_ns)
+        return waiting, ""
 
     def _over_terrain(
         self, route: Route, site: LandingSite, t_ns: int

@@ -123,7 +123,11 @@ class _Gate:
 
 
 _Graded: TypeAlias = tuple[float, FloatArray, _Gate]
-"""Grade of a path (`_CLEAR` ..., `_SHARP` with the share of its flights that hit), its points, its gate."""
+"""Grade of a path, its points, its gate.
+
+The grade is one of `_CLEAR` ...: `_TOO_NEAR` plus 0.5 without clearance for gusts, `_SHARP` plus the share of
+its flights that hit.
+"""
 
 
 def plan_return_route(

@@ -128,7 +128,7 @@ def test_two_that_climb_apart_are_not_reported():
 
 
 def test_a_takeoff_that_does_not_lift_off_is_told_once_until_it_does():
-    """Others near by waited for it for minutes, and nobody was told."""
+    """Others near by waited for it for minutes, and no operator was told."""
     swarm = Swarm((900.0, 0.0), 0.0, speed=6.0)
     swarm.is_in_takeoff = lambda vehicle: vehicle == 2
     takeoff_sequence = sequence(swarm)
