@@ -1,23 +1,29 @@
 """Types, homes and rates of the simulated vehicles of a scenario, for a seed.
 
 Over terrain a vehicle climbs and sinks no faster than its airframe's rates, by which routes are planned. Over
-flat ground it has the rates of the simulated airframe.
+flat ground it has the rates of the simulated airframe. Beside a hill it is launched higher, so that its first
+circle is above the floor of the flight band.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Final
+
+import numpy as np
 
 from gcs.config.airframe import NamedAirframeTable
 from sim_vehicles.vehicle.faults import Fault, FaultKind
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 from sim_vehicles.world.scenario import Scenario
 
+_AROUND: Final = 2.0
+"""Radius of the ground below a launch, in loiter radii: a circle is joined from outside, and wider in wind."""
+
 
 def vehicle_specs(scenario: Scenario, seed: int) -> list[VehicleSpec]:
     """Return a specification for each agent of the mission file, in order."""
     simulation = scenario.simulation
-    mission = scenario.config.mission
     elevation = scenario.config.elevation
     origin_msl_m = scenario.frame.alt_msl_m
     shared = scenario.config.airframe
@@ -28,7 +34,7 @@ def vehicle_specs(scenario: Scenario, seed: int) -> list[VehicleSpec]:
             east_m=agent.east_m,
             north_m=agent.north_m,
             course_rad=math.radians(agent.course_deg),
-            alt_rel_m=mission.altitude_rel_m,
+            alt_rel_m=_launch_height_m(scenario, agent.east_m, agent.north_m),
             forward_speed_m_s=agent.speed_m_s or own.speed_m_s or simulation.forward_speed_m_s,
             max_bank_deg=own.bank_deg,
             climb_deg=own.climb_deg,
@@ -60,3 +66,16 @@ def vehicle_specs(scenario: Scenario, seed: int) -> list[VehicleSpec]:
         for agent in scenario.config.agents
         for own in (scenario.config.airframes.get(agent.airframe, NamedAirframeTable()),)
     ]
+
+
+def _launch_height_m(scenario: Scenario, east_m: float, north_m: float) -> float:
+    """Return the height above its home at which a vehicle circles before its first mission."""
+    config = scenario.config
+    height_m = config.mission.altitude_rel_m
+    if config.elevation is None or config.terrain is None:
+        return height_m
+    around_m = np.arange(-1.0, 1.01, 0.1) * _AROUND * config.mission.loiter_radius_m
+    places_m = np.stack(np.meshgrid(east_m + around_m, north_m + around_m), axis=-1).reshape(-1, 2)
+    places_m = places_m[np.hypot(*(places_m - (east_m, north_m)).T) <= around_m[-1]]
+    rise_m = np.nanmax(config.elevation.heights_at(places_m)) - config.elevation.height_msl_m(east_m, north_m)
+    return max(height_m, config.terrain.min_agl_m + float(rise_m))

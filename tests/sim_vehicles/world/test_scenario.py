@@ -150,6 +150,16 @@ def test_over_terrain_homes_are_on_the_ground_and_climbs_are_the_airframe_s():
     assert (high.home_rel_m, high.climb_m_s, high.sink_m_s) == (VALLEY_MSL_M - 70.0, 3.5, 2.0)
 
 
+def test_a_launch_beside_a_hill_is_above_the_floor_of_the_band_all_round_its_circle():
+    beside = GOOD.replace("east_m = 100.0", "east_m = 880.0")
+    (spec,) = vehicle_specs(parse_scenario(beside + TARGET + terrain_table(ridge()), "world.toml"), 0)
+    (level,) = vehicle_specs(parse_scenario(beside + TARGET, "world.toml"), 0)
+    launch_msl_m = 70.0 + spec.home_rel_m + spec.alt_rel_m
+    ground_m = [ridge().height_msl_m(spec.east_m + east_m, spec.north_m) for east_m in (-50.0, 0.0, 50.0)]
+    assert min(launch_msl_m - height_m for height_m in ground_m) > 50.0
+    assert spec.alt_rel_m > level.alt_rel_m
+
+
 def test_slant_ranges_need_the_height_of_the_sensor(mistake):
     error = mistake(GOOD + TARGET + '[simulation.sensor]\nkind = "range_bearing"\nrange = "slant"\n')
     assert "simulation.sensor.range" in str(error)
