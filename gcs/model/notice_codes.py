@@ -560,8 +560,9 @@ class NoticeCode(TableCode):
     CHANGES_LAYER = _vehicle(
         "changes-layer",
         _W,
-        "holds near {other}: it gets a circle in a free altitude layer, {height_m:.0f} m above home",
-        "the circles of two that wait are nearer than the separation at one height (`planning.avoidance`)",
+        "circles near {other}: it gets a circle that is clear of it, {height_m:.0f} m above home",
+        "the circles of two that wait are nearer than the separation at one height, or a vehicle that others "
+        "steer comes near the circle at a target (`planning.avoidance`)",
         "nothing; `gcs order resume` as always",
     )
     AVOIDS = _vehicle(

@@ -18,7 +18,7 @@ from sim_vehicles.vehicle.vehicle import VehicleSpec
 from sim_vehicles.world.scenario import Scenario
 
 _AROUND: Final = 2.0
-"""Radius of the ground below a launch, in loiter radii: a circle is joined from outside, and wider in wind."""
+"""Radius of the ground below a launch, in loiter radii: circles are joined from outside, and wide in wind."""
 
 
 def vehicle_specs(scenario: Scenario, seed: int) -> list[VehicleSpec]:

@@ -47,7 +47,9 @@ _SIDES_DEG: Final = (0.0, 60.0, -60.0, 120.0, -120.0, 180.0)
 _MARGIN_M: Final = 20.0
 """Beyond the separation of two circles beside each other."""
 _MAX_ROUTES: Final = 2
-"""Number of routes that are planned for one vehicle at most."""
+"""Number of places to which routes are planned for one vehicle at most."""
+_MAX_CLEAR_ROUTES: Final = 4
+"""The same where only a route counts that comes near no other vehicle."""
 
 
 class StackedMissions:
@@ -113,6 +115,29 @@ class StackedMissions:
             return None
         planned = self._not_flown_yet(vehicle)
         return self._route(state, [place_m], hold_label(vehicle), planned, {}, flights)
+
+    def plan_clear_circle(self, vehicle: int, other: int, flights: PredictedFlights) -> Route | None:
+        """Return a route to a circle clear of all others, for a vehicle that circles at its target.
+
+        That is a circle there in another layer, or one beside it. None if each of them, or the flight there,
+        would come near another vehicle.
+
+        Parameters
+        ----------
+        other : int
+            Vehicle that comes near. Places away from it come first.
+        """
+        onboard = self._agents[vehicle].tasking.onboard
+        if onboard is None or not {vehicle, other} <= flights.states.keys():
+            return None
+        east_m, north_m = onboard.route.flown_m[-1].tolist()
+        from_m = flights.states[other]
+        side_rad = math.atan2(east_m - from_m.east_m, north_m - from_m.north_m)
+        ends_m = [(east_m, north_m), *self._beside(vehicle, (east_m, north_m), side_rad)]
+        planned = self._not_flown_yet(vehicle)
+        state = flights.states[vehicle]
+        label = hold_label(vehicle)
+        return self._route(state, ends_m, label, planned, {}, flights, only_clear=True)
 
     def _not_flown_yet(self, vehicle: int) -> dict[int, Route]:
         """Return the routes of others that are sent home, or to a layer, and still fly something else."""
@@ -180,10 +205,13 @@ class StackedMissions:
         planned: Mapping[int, Route],
         modes: Mapping[int, str],
         flights: PredictedFlights,
+        *,
+        only_clear: bool = False,
     ) -> Route | None:
         """Return a route to one of some places in a layer that is clear; None without one.
 
-        Rather one whose way there comes near no other vehicle. None also if it can get no mission now.
+        Rather one whose way there comes near no other vehicle; with `only_clear`, no other. None also if it
+        can get no mission now.
         """
         vehicle = state.system_id
         grid = self._zones.grid
@@ -207,10 +235,10 @@ class StackedMissions:
                     return route
                 if second is None and not problem(route, planned, modes, flights):
                     second = route
-            if second is not None:
+            if second is not None and not only_clear:
                 return second
             tries += 1
-            if tries == _MAX_ROUTES:
+            if tries == (_MAX_CLEAR_ROUTES if only_clear else _MAX_ROUTES):
                 return None
         return None
 
@@ -237,14 +265,16 @@ class StackedMissions:
     def _ends(self, state: VehicleState, home_m: Point) -> Iterator[Point]:
         """Yield where a route home may end: at home and round it, or where a landing begins."""
         vehicle = state.system_id
-        away_m = APPROACH_M
-        if not self.lands(vehicle):
-            yield home_m
-            away_m = 2.0 * self._airframes[vehicle].circle_radius_m + self._beside_m
         side_rad = math.atan2(state.east_m - home_m[0], state.north_m - home_m[1])
-        for turn_deg in _SIDES_DEG:
-            angle = side_rad + math.radians(turn_deg)
-            yield home_m[0] + away_m * math.sin(angle), home_m[1] + away_m * math.cos(angle)
+        if self.lands(vehicle):
+            yield from _around(home_m, APPROACH_M, side_rad)
+            return
+        yield home_m
+        yield from self._beside(vehicle, home_m, side_rad)
+
+    def _beside(self, vehicle: int, place_m: Point, side_rad: float) -> Iterator[Point]:
+        """Yield centres of circles beside that at a place, from one side of it on."""
+        yield from _around(place_m, 2.0 * self._airframes[vehicle].circle_radius_m + self._beside_m, side_rad)
 
     def _start(self, state: VehicleState, t_ns: int) -> AgentState:
         """Return where and how a vehicle begins a route that is planned now."""
@@ -263,3 +293,10 @@ class StackedMissions:
             motion=predict_motion(self._zones.grid, motion, delivery_s, lag_s),
             height_msl_m=begin_height_msl_m(state, delivery_s),
         )
+
+
+def _around(place_m: Point, away_m: float, side_rad: float) -> Iterator[Point]:
+    """Yield places at a distance from one, from one side of it on."""
+    for turn_deg in _SIDES_DEG:
+        angle = side_rad + math.radians(turn_deg)
+        yield place_m[0] + away_m * math.sin(angle), place_m[1] + away_m * math.cos(angle)

@@ -11,7 +11,9 @@ separation the hold may be a little outside the band, or far above it if separat
 too, if then it could not any more.
 
 Two that wait near each other in LOITER, and whose circles overlap, are kept apart by height: one gets a
-mission with a circle in a free altitude layer (`gcs.core.replanning.stacked_missions`).
+mission with a circle in a free altitude layer (`gcs.core.replanning.stacked_missions`). One that circles at
+its target makes way for a vehicle that others steer (a failsafe, a pilot): by such a mission, or by one with
+a circle beside its target.
 
 A vehicle whose mission leads into a no-fly zone holds before it, if the circle is clear of zones, obstacles,
 ground and others. It gets a new mission as soon as there is one, and else flies on when the zone is open.
@@ -72,6 +74,10 @@ _SOON_S: Final = 4.0
 _MIN_HOLD_NS: Final = ns(4.0)
 _MAX_HOLD_NS: Final = ns(60.0)
 _PERIOD_NS: Final = ns(1.0)
+_GIVE_WAY_AGAIN_NS: Final = ns(5.0)
+"""Time to the next search for a circle that is clear of a vehicle."""
+_STEERED: Final = frozenset({Authority.OURS, Authority.RETURNING, Authority.HELD})
+"""Authority over vehicles that fly, or hold, as this service ordered."""
 _CONTROLS: Final = frozenset({Authority.OURS, Authority.RETURNING})
 _TAKEN: Final = (Authority.COMMANDED, Authority.OVERRIDDEN, Authority.OTHER_STATION)
 """Claims of others, which an order to hold or return hides."""
@@ -106,7 +112,7 @@ class Avoidances:
         self._landing_order = landing_order
 
     def stack(self, encounter: Encounter, flights: PredictedFlights) -> list[Effect]:
-        """Send one of two vehicles that hold near each other to a circle in a free altitude layer.
+        """Send one of two vehicles that circle near each other to a circle that is clear of all others.
 
         None climbs or descends through the other: the higher one goes up, or the lower one down.
         """
@@ -116,10 +122,15 @@ class Avoidances:
         if not self._is_enabled or any(map(is_hold, stacked)):
             return []
         for vehicle in sorted(ours, key=self._height_m, reverse=True):
-            route = self._stacked.plan_hold(vehicle, flights) if self._may_stack(vehicle, t_ns) else None
+            (number,) = (v for v in encounter.vehicles if v != vehicle)
+            route = None
+            if self._may_stack(vehicle, t_ns):
+                route = self._stacked.plan_hold(vehicle, flights)
+            elif number in self._agents and self._should_give_way(vehicle, number, t_ns):
+                self._agents[vehicle].separation.gave_way_t_ns = t_ns
+                route = self._stacked.plan_clear_circle(vehicle, number, flights)
             if route is None:
                 continue
-            (number,) = (v for v in encounter.vehicles if v != vehicle)
             heights_msl_m = route_heights_msl_m(route, self._base_msl_m, self._mission)
             height_m = float(heights_msl_m[-1]) - self._base_msl_m
             if number in self._agents and self._crosses(vehicle, number, float(heights_msl_m[-1])):
@@ -341,6 +352,20 @@ class Avoidances:
         is_settled = not self._tasking.state.stage(vehicle) and not agent.tasking.is_inconsistent
         is_due = is_free and t_ns >= agent.tasking.retry.paused_until_t_ns
         return is_waiting and is_due and is_settled and agent.flight.phase in _HOLDING
+
+    def _should_give_way(self, vehicle: int, other: int, t_ns: int) -> bool:
+        """Return True if a vehicle circles at its target, and another one flies what we could not change."""
+        is_circling = self._agents[vehicle].flight.phase is FlightPhase.AT_TARGET
+        is_at_target = is_circling and self._stays_at_target(vehicle) and self._may_hold(vehicle)
+        is_due = t_ns - self._agents[vehicle].separation.gave_way_t_ns >= _GIVE_WAY_AGAIN_NS
+        return is_at_target and is_due and not self._is_steered(other)
+
+    def _is_steered(self, vehicle: int) -> bool:
+        """Return True if a vehicle flies, or holds, as this service ordered, and not in RTL."""
+        agent = self._agents[vehicle]
+        state = self._fleet.state(vehicle)
+        flies_ours = agent.control.authority in _STEERED and not _is_taken(agent)
+        return flies_ours and state is not None and state.mode in (AUTO, LOITER)
 
     def _is_controlled(self, vehicle: int) -> bool:
         """Return True if this service alone decides what a vehicle flies."""

@@ -11,7 +11,7 @@ from helpers.sky import FIELD, LANDING, Sky, fly_on, give, place, with_one_home
 from helpers.staging import S
 
 from gcs.core.operator.order_refusals import OrderRefusals
-from gcs.model import NoFlyZone, NoticeCode, Order, Route, VerticalLimits, read_only
+from gcs.model import FlightPhase, NoFlyZone, NoticeCode, Order, Route, VerticalLimits, read_only
 from gcs.model.vehicle_ids import home_label
 from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.vehicle.faults import FaultKind
@@ -391,6 +391,35 @@ def test_of_two_that_circle_at_one_height_one_that_somebody_else_set_to_loiter_i
     fly_on(sky, 15.0)
     assert [notice.vehicle for _, notice in sky.told(NoticeCode.CHANGES_LAYER)] == [2]
     assert one.autopilot.mode is Mode.LOITER
+
+
+def at_target(px4=()):
+    """One that circles at its target, and one at the south of the map, high above it."""
+    field = FIELD.replace("= 2900.0\nnorth_m = 2900.0", "= 1500.0\nnorth_m = 1500.0")
+    field = field.replace(
+        "S = 1.0", "S = 1.0, RTL_ALTITUDE = 60.0, RTL_RETURN_ALT = 60.0, RTL_DESCEND_ALT = 60.0"
+    )
+    sky = Sky((1500.0, 1150.0, 60.0), (200.0, 200.0, 200.0), field=field, px4=px4)
+    agent = sky.run_.engine.state.agents[1]
+    while agent.flight.phase is not FlightPhase.AT_TARGET or agent.perception.status.status != "arrived":
+        fly_on(sky, 1.0)
+    return fly_on(sky, 10.0)
+
+
+@pytest.mark.parametrize("px4", [(), (1, 2)])
+def test_one_that_circles_at_its_target_makes_way_for_one_that_a_failsafe_returns(px4):
+    """A hold helps neither. Before, it circled on, and the other one came within 30 m at its height."""
+    sky = at_target(px4)
+    one, other = sky.planes[1], sky.planes[2]
+    other.autopilot.home = replace(other.autopilot.home, east_m=1500.0, north_m=2600.0)
+    place(other, 1500.0, 1150.0, one.alt_rel_m)
+    other.autopilot.set_mode(Mode.RTL)
+    fly_on(sky, 60.0)
+    ((_, notice),) = sky.told(NoticeCode.CHANGES_LAYER)
+    assert notice.vehicle == 1
+    assert not sky.near_s
+    assert one.autopilot.mode is Mode.AUTO
+    assert sky.run_.engine.state.agents[1].perception.status.status == "arrived"
 
 
 def test_with_warnings_only_no_vehicle_that_holds_is_moved():
