@@ -17,7 +17,8 @@ from gcs.mavlink.router.router import PortCounters
 
 _STATIONS = "other_ground_stations"
 _COLUMNS = (
-    "link", "role", "frames", "lost", "CRC", "unknown_systems", "conflicts", "unsent", "signing", _STATIONS,
+    "link", "role", "frames", "lost", "CRC", "unknown_systems", "conflicts", "unsent", "radio", "signing",
+    _STATIONS,
 )  # fmt: skip
 _ALWAYS = ("link", "role", "frames", "lost")
 
@@ -39,6 +40,7 @@ def link_rows(fleet: Fleet, links: VehicleLinks | None, t_ns: int) -> list[dict[
             "role": "vehicles",
             **asdict(counters),
             "unsent": unsent.get(name, 0),
+            "radio": None if (radio := fleet.radios.get(name)) is None else asdict(radio),
             **_signing(links, name),
         }
         for name, counters in heard.items()
@@ -71,7 +73,7 @@ def link_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     cells = [_cells(row) for row in rows]
     shown = [name for name in _COLUMNS if name in _ALWAYS or any(row[name] not in ("", 0) for row in cells)]
     for name in shown:
-        left = name in ("link", "role", "signing", _STATIONS)
+        left = name in ("link", "role", "radio", "signing", _STATIONS)
         title = name.replace("_", " ")
         table.add_column(title, justify="left" if left else "right", no_wrap=name in _ALWAYS, overflow="fold")
     for row in cells:
@@ -81,7 +83,7 @@ def link_table(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 def _cells(row: Mapping[str, Any]) -> dict[str, Any]:
     """Return the text of a row for each column."""
-    cells = {**dict.fromkeys(_COLUMNS, ""), **row, "signing": _gate(row), _STATIONS: ""}
+    cells = {**dict.fromkeys(_COLUMNS, ""), **row, "radio": _radio(row), "signing": _gate(row), _STATIONS: ""}
     if row["role"] == "vehicles":
         return cells | {"lost": _loss(row), "CRC": row["crc_errors"]}
     refused = sum(row["refused"].values())
@@ -94,6 +96,15 @@ def _gate(row: Mapping[str, Any]) -> str:
     if "rejected" not in row:
         return ""
     return f"{row['verified']} verified, {sum(row['rejected'].values())} rejected"
+
+
+def _radio(row: Mapping[str, Any]) -> str:
+    """Return the report of a link's radio as text; empty without one."""
+    if (one := row.get("radio")) is None:
+        return ""
+    here = f"signal {one['signal']} (noise {one['noise']})"
+    there = f"{one['remote_signal']} ({one['remote_noise']}) there"
+    return f"{here}, {there}; buffer {one['free_percent']} % free"
 
 
 def _loss(row: Mapping[str, Any]) -> str:

@@ -444,6 +444,16 @@ class NoticeCode(TableCode):
         "its height keeps no distance to others: watch it with a sensor, hold or return it",
     )
     HEIGHT_RIGHT = _vehicle("height-right", _I, "its height is possible again", ends="height-wrong")
+    REPORTS_LATE = _vehicle(
+        "reports-late",
+        _W,
+        "its reports come {delay_s:.1f} s late: its radio gets more than it can carry",
+        "for ten seconds reports took so much longer to arrive than the fastest ones; or the clock of the "
+        "vehicle is slow, such as in a simulation on a slow machine",
+        "its place on the map is old by that time: lower `telemetry.rate_hz` and the streams that it sends "
+        "by itself ([slow radios](links.md#endpoints))",
+    )
+    REPORTS_IN_TIME = _vehicle("reports-in-time", _I, "its reports come in time again", ends="reports-late")
     NOT_SEEN_THERE = _vehicle(
         "not-seen-there",
         _A,

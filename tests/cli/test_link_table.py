@@ -30,6 +30,13 @@ def test_vehicles_alone_need_one_line_and_no_empty_columns() -> None:
     assert "conflicts" not in text
 
 
+def test_the_report_of_a_radio_is_shown() -> None:
+    radio = {"signal": 180, "noise": 40, "remote_signal": 170, "remote_noise": 45, "free_percent": 98}
+    text = " ".join(drawn({**VEHICLES, "radio": radio}).split())
+    assert "180" in text
+    assert "98 %" in text
+
+
 def test_what_went_wrong_and_what_other_stations_did_is_there() -> None:
     text = drawn({**VEHICLES, "conflicts": 7}, OTHER_STATIONS)
     assert "conflicts" in text

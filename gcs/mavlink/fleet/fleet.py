@@ -42,7 +42,7 @@ from gcs.mavlink.fleet.checks.link_timeouts import (
 from gcs.mavlink.fleet.fleet_state import FleetState, VehicleLink
 from gcs.mavlink.fleet.heartbeat import heartbeat, is_from_autopilot, is_heartbeat
 from gcs.mavlink.fleet.high_latency import heartbeat_of, is_high_latency
-from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystem, total
+from gcs.mavlink.fleet.link_stats import LinkCounters, RadioReport, UnknownSystem, total
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.fleet.peers import Address
 from gcs.mavlink.fleet.standby_link import StandbyLink, is_second_path
@@ -119,6 +119,7 @@ _REMOTE_ID: Final = frozenset(
     {dialect.MAVLINK_MSG_ID_OPEN_DRONE_ID_BASIC_ID, dialect.MAVLINK_MSG_ID_OPEN_DRONE_ID_LOCATION}
 )
 """Messages about drones, from receivers: an autopilot describes its own vehicle by them."""
+_RADIO: Final = frozenset({dialect.MAVLINK_MSG_ID_RADIO_STATUS, dialect.MAVLINK_MSG_ID_RADIO})
 TRAFFIC: Final = frozenset({dialect.MAVLINK_MSG_ID_ADSB_VEHICLE}) | _REMOTE_ID
 """Messages about aircraft. Any component on a vehicle may send them: a receiver is one."""
 
@@ -280,7 +281,9 @@ class Fleet:
                 frame = frames.frame(at)
                 number = vehicle_id(network, frame.system_id)
                 vehicle = self._vehicles.get(number)
-                if vehicle is None and datagram.link in self._receivers and self._is_about_aircraft(frame):
+                if frame.message_id in _RADIO and frame.component_id != AUTOPILOT_COMPONENT_ID:
+                    self._note_radio(frame, datagram.link, t_ns)
+                elif vehicle is None and datagram.link in self._receivers and self._is_about_aircraft(frame):
                     if (message := frame.message()) is not None:
                         accepted.append((number, message))
                 elif vehicle is None:
@@ -432,6 +435,13 @@ class Fleet:
         standby = {v.link.standby.address for v in self._in_order if v.link.standby is not None}
         return heard.union(standby, self._outgoing)
 
+    def _note_radio(self, frame: Frame, link: str, t_ns: int) -> None:
+        """Note the report of a radio. It has a system id of its own: 51 with SiK firmware."""
+        if (one := frame.message()) is not None:
+            self._state.radios[link] = RadioReport(
+                t_ns, one.rssi, one.noise, one.remrssi, one.remnoise, one.txbuf, one.rxerrors
+            )
+
     def _count_unknown(self, frame: Frame, address: Address, t_ns: int) -> None:
         if (frame.system_id, frame.component_id) == self._own and is_heartbeat(frame):
             message = frame.message()
@@ -531,6 +541,11 @@ class Fleet:
         return [] if address is None or link.is_awaited else [Send(*address, frame) for frame in frames]
 
     # ------------------------------------------------------------ state
+
+    @property
+    def radios(self) -> Mapping[str, RadioReport]:
+        """Newest report of the radio of each link that has one."""
+        return self._state.radios
 
     @property
     def counters(self) -> LinkCounters:

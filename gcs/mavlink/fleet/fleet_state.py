@@ -13,7 +13,7 @@ from gcs.mavlink.fleet.checks.position_checks import BootClock
 from gcs.mavlink.fleet.checks.position_plausibility import DuplicateIdDetector, MotionCheck
 from gcs.mavlink.fleet.checks.report_consistency import ReportConsistency
 from gcs.mavlink.fleet.high_latency import HighLatency
-from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystems
+from gcs.mavlink.fleet.link_stats import LinkCounters, RadioReport, UnknownSystems
 from gcs.mavlink.fleet.notice_queue import NoticeQueue
 from gcs.mavlink.fleet.own_ids import OwnIds
 from gcs.mavlink.fleet.peers import Address, Peers
@@ -145,6 +145,8 @@ class FleetState:
     """A row for each vehicle, by system id (`gcs.mavlink.fleet.telemetry_table`)."""
     links: dict[str, LinkCounters] = field(default_factory=dict)
     """By link, in order of the first datagram."""
+    radios: dict[str, RadioReport] = field(default_factory=dict)
+    """By link, of those whose radio reports its signal."""
     peers: Peers = field(default_factory=Peers)
     sequences: dict[Address, int] = field(default_factory=dict)
     """Sequence number of our next heartbeat to each outgoing endpoint and stand-by link."""

@@ -37,6 +37,25 @@ def total(counters: Iterable[LinkCounters]) -> LinkCounters:
     return LinkCounters(*map(sum, zip(*map(astuple, counters), strict=True)))
 
 
+@dataclass(frozen=True, slots=True)
+class RadioReport:
+    """Newest RADIO_STATUS of the radio on this side of a link (https://mavlink.io/en/messages/common.html).
+
+    Signal and noise are numbers of the radio: for those with SiK firmware 1.9 a decibel, 0 to 254.
+    """
+
+    t_ns: int
+    signal: int
+    noise: int
+    remote_signal: int
+    """At the other end."""
+    remote_noise: int
+    free_percent: int
+    """Free part of its buffer towards the vehicles."""
+    errors: int
+    """Frames that it received damaged."""
+
+
 @dataclass(slots=True)
 class UnknownSystem:
     """A system on a link that is not one of our vehicles."""

@@ -41,6 +41,7 @@ from gcs.mavlink.fleet.telemetry_table import (
     BATTERY_PERCENT,
     BEST_FIX,
     BOOT_MS,
+    BOOT_OFFSET_NS,
     CHECK_NEXT,
     DUE_NS,
     ESTIMATOR_FLAGS,
@@ -494,6 +495,7 @@ class Vehicle:
         sample = Sample(
             t_ns,
             self.record.item(BOOT_MS),
+            self.record.item(BOOT_OFFSET_NS),
             east_m,
             north_m,
             alt_mm * 1e-3,

@@ -195,6 +195,30 @@ def test_a_text_that_comes_again_in_the_air_is_told():
 # ---------------------------------------------------------------- whom to believe
 
 
+def test_the_report_of_a_radio_is_noted_and_is_no_unknown_system():
+    """Before, a radio with SiK firmware was the unknown system 51, and its signal was not shown."""
+    air = Air(1, 51)
+    report = dialect.MAVLink_radio_status_message(180, 170, 98, 40, 45, 3, 0)
+    air.hear(1.0, report, system_id=51, component_id=68)
+    assert air.fleet.counters.unknown_systems == 0
+    assert air.told() == []
+    (radio,) = air.fleet.radios.values()
+    assert (radio.signal, radio.noise, radio.remote_signal, radio.remote_noise) == (180, 40, 170, 45)
+    assert (radio.free_percent, radio.errors) == (98, 3)
+    assert air.health(51).liveness == "waiting"
+    air.hear(2.0, report, system_id=51)
+    assert air.fleet.radios["udp"].t_ns == S, "an autopilot is no radio"
+
+
+def test_reports_that_wait_longer_and_longer_in_a_radio_are_told():
+    air = Air()
+    for k in range(120):
+        delay_s = min(0.2 * max(k - 40, 0), 3.0)
+        air.hear(10.0 + 0.5 * k + delay_s, beat(), position(0.5 * k))
+        air.poll(10.0 + 0.5 * k + delay_s)
+    assert [code for code, _ in air.told("warning")] == [NoticeCode.REPORTS_LATE]
+
+
 def test_unknown_systems_are_counted_and_shown_but_never_acted_on():
     air = Air(settings=FleetSettings(max_unknown_systems=8))
     for system in range(10, 60):

@@ -1,4 +1,4 @@
-"""Checks of a vehicle's reports against each other, once a second: velocity, height, number of frames.
+"""Checks of a vehicle's reports against each other, once a second: velocity, height, delay, number of frames.
 
 Velocity and height are checked while the vehicle is armed: before its estimator has an origin, they mean
 nothing. The checks refuse nothing. They name a vehicle whose reports contradict each other, so that an
@@ -7,6 +7,8 @@ operator does not trust them. Position reports that are refused are in `position
 * Velocity: the distance between two positions is the mean velocity times the time between them, by the
   vehicle's own clock. `_MIN_SAMPLES` wrong samples in a row are an alarm.
 * Height: a jump, or a height above home that no mission has.
+* Delay: the time of the vehicle's boot, by our clock when its positions arrive, is the same while they take
+  equally long. Where a radio gets more than it can carry, they wait in it, and that time becomes later.
 * Frames: more than `_MAX_FRAMES_PER_S`.
 
 Pure. Each state that lasts has its all-clear.
@@ -32,6 +34,11 @@ _MAX_CLIMB_M_S: Final = 60.0
 _HEIGHTS_M: Final = (-300.0, 3000.0)
 """Possible heights above home."""
 _MAX_FRAMES_PER_S: Final = 1000.0
+_LATE_S: Final = 1.5
+"""Mean delay that is told; the warning ends at half of it."""
+_DELAY_GAIN: Final = 0.1
+_CLOCK_DRIFT: Final = 1e-3
+"""Part by which a vehicle's clock may be slower than ours; autopilots' are by 1e-4 at most."""
 _BOOT_WRAP_MS: Final = 1 << 32
 
 
@@ -41,6 +48,8 @@ class Sample:
 
     t_ns: int
     boot_ms: int
+    boot_t_ns: int
+    """Time of its boot as the newest position tells it when it arrives."""
     east_m: float
     north_m: float
     alt_msl_m: float
@@ -69,12 +78,36 @@ class Condition:
 
 
 @dataclass(slots=True)
+class ReportDelay:
+    """By how much later the reports of a vehicle arrive than the fastest ones did."""
+
+    earliest_ns: int | None = None
+    """Earliest time of its boot by its reports, moved on with the drift of its clock; None after a boot."""
+    mean_s: float = 0.0
+    is_raised: bool = False
+
+    def add_sample(self, boot_t_ns: int, elapsed_s: float) -> bool:
+        """Add a sample; return True if the state changes."""
+        if self.earliest_ns is None:
+            self.earliest_ns = boot_t_ns
+        elif not self.is_raised:
+            self.earliest_ns += round(_CLOCK_DRIFT * elapsed_s * NS_PER_S)
+        self.earliest_ns = min(self.earliest_ns, boot_t_ns)
+        self.mean_s += _DELAY_GAIN * ((boot_t_ns - self.earliest_ns) / NS_PER_S - self.mean_s)
+        if self.mean_s > _LATE_S if not self.is_raised else self.mean_s < 0.5 * _LATE_S:
+            self.is_raised = not self.is_raised
+            return True
+        return False
+
+
+@dataclass(slots=True)
 class ReportConsistency:
     """Checks of one vehicle."""
 
     last: Sample | None = None
     velocity: Condition = field(default_factory=Condition)
     height: Condition = field(default_factory=Condition)
+    delay: ReportDelay = field(default_factory=ReportDelay)
     frames: Condition = field(default_factory=Condition)
 
     def is_due(self, t_ns: int) -> bool:
@@ -92,7 +125,11 @@ class ReportConsistency:
         if 0.0 < elapsed_s < _MIN_INTERVAL_S:
             return
         self.last = sample
-        if elapsed_s == 0.0 or elapsed_s > _MAX_INTERVAL_S:
+        if elapsed_s == 0.0:
+            self.delay = ReportDelay()
+            return
+        self._check_delay(sample, elapsed_s, notify)
+        if elapsed_s > _MAX_INTERVAL_S:
             return
         self._check_velocity(last, sample, elapsed_s, notify)
         self._check_height(last, sample, elapsed_s, home_alt_msl_m, notify)
@@ -131,6 +168,14 @@ class ReportConsistency:
             notify(NoticeCode.HEIGHT_WRONG, height_m=height_m)
         else:
             notify(NoticeCode.HEIGHT_RIGHT)
+
+    def _check_delay(self, now: Sample, elapsed_s: float, notify: Notify) -> None:
+        if not self.delay.add_sample(now.boot_t_ns, elapsed_s):
+            return
+        if self.delay.is_raised:
+            notify(NoticeCode.REPORTS_LATE, delay_s=self.delay.mean_s)
+        else:
+            notify(NoticeCode.REPORTS_IN_TIME)
 
     def _check_frames(self, last: Sample, now: Sample, notify: Notify) -> None:
         elapsed_s = max((now.t_ns - last.t_ns) / NS_PER_S, _MIN_INTERVAL_S)

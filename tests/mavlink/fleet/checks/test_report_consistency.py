@@ -14,7 +14,16 @@ S = 1_000_000_000
 
 
 def sample(t_s, place, velocity, alt_m=100.0, frames=0, delay_s=0.0, armed=True):
-    return Sample(round((t_s + delay_s) * S), round(t_s * 1000), *place, alt_m, *velocity, frames, armed)
+    return Sample(
+        round((t_s + delay_s) * S),
+        round(t_s * 1000),
+        round(delay_s * S),
+        *place,
+        alt_m,
+        *velocity,
+        frames,
+        armed,
+    )
 
 
 def notices(samples, home_alt_m=50.0):
@@ -78,3 +87,28 @@ def test_a_flood_of_frames_is_a_warning_that_ends():
         (NoticeCode.FRAME_RATE_HIGH, {"rate_hz": 5000.0}),
         (NoticeCode.FRAME_RATE_NORMAL, {}),
     ]
+
+
+def flown(t_s, delay_s=0.0):
+    return sample(t_s, (22.0 * t_s, 0.0), (22.0, 0.0), delay_s=delay_s)
+
+
+def test_reports_that_wait_in_a_radio_are_a_warning_that_ends():
+    """Before, agents were "not seen where they report to be", and nothing named the radio."""
+    delays_s = [0.1] * 30 + [0.1 + 0.1 * k for k in range(30)] + [3.1] * 600 + [0.2] * 40
+    found = notices(flown(float(k), delay_s) for k, delay_s in enumerate(delays_s))
+    assert [code for code, _ in found] == [NoticeCode.REPORTS_LATE, NoticeCode.REPORTS_IN_TIME]
+    assert found[0][1]["delay_s"] == pytest.approx(1.5, abs=0.2)
+
+
+def test_a_reboot_and_a_clock_that_drifts_do_not_make_reports_late():
+    drifting = [flown(float(k), 0.1 + 2e-4 * k) for k in range(20_000)]
+    assert notices(drifting) == []
+    booted = [sample(k, (0.0, 0.0), (0.0, 0.0), delay_s=60.0) for k in range(60)]
+    assert notices([*map(flown, range(60)), *booted]) == []
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_single_reports_that_come_late_are_no_warning(seed):
+    rng = np.random.default_rng(seed)
+    assert notices(flown(float(k), float(rng.exponential(0.3))) for k in range(600)) == []
