@@ -119,12 +119,13 @@ class Avoidances:
         t_ns = flights.t_ns
         ours = [vehicle for vehicle in encounter.vehicles if vehicle in self._agents]
         stacked = [route for v in ours if (route := self._agents[v].routes.stacked) is not None]
-        if not self._is_enabled or any(map(is_hold, stacked)):
+        is_stacked = any(map(is_hold, stacked))
+        if not self._is_enabled:
             return []
         for vehicle in sorted(ours, key=self._height_m, reverse=True):
             (number,) = (v for v in encounter.vehicles if v != vehicle)
             route = None
-            if self._may_stack(vehicle, t_ns):
+            if self._may_stack(vehicle, t_ns) and not is_stacked:
                 route = self._stacked.plan_hold(vehicle, flights)
             elif number in self._agents and self._should_give_way(vehicle, number, t_ns):
                 self._agents[vehicle].separation.gave_way_t_ns = t_ns
@@ -327,13 +328,15 @@ class Avoidances:
         return may_begin or agent.separation.avoidance is not None
 
     def _stays_at_target(self, vehicle: int) -> bool:
-        """Return True if a vehicle has arrived, and flies to the circle at its target, or round it.
+        """Return True if a vehicle has arrived, and flies to the circle at its target or round it.
 
-        Not if it would climb in a circle before it flies on there.
+        Or to that to which it made way. Not if it would climb in a circle before it flies on there.
         """
         agent = self._agents[vehicle]
         onboard = agent.tasking.onboard
-        if agent.perception.status.status != "arrived" or onboard is None or _wanted(agent) is not None:
+        wanted = _wanted(agent)
+        stays = onboard is not None and (wanted is None or (is_hold(wanted) and _flies_wanted(agent)))
+        if agent.perception.status.status != "arrived" or onboard is None or not stays:
             return False
         is_at_circle = agent.flight.phase is FlightPhase.AT_TARGET
         is_underway = agent.flight.phase is FlightPhase.EN_ROUTE

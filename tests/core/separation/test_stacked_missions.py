@@ -419,7 +419,17 @@ def test_one_that_circles_at_its_target_makes_way_for_one_that_a_failsafe_return
     assert notice.vehicle == 1
     assert not sky.near_s
     assert one.autopilot.mode is Mode.AUTO
-    assert sky.run_.engine.state.agents[1].perception.status.status == "arrived"
+    agent = sky.run_.engine.state.agents[1]
+    assert agent.perception.status.status == "arrived"
+    east_m, north_m = agent.routes.stacked.points_m[-1]
+    place(other, east_m, north_m - 350.0, one.alt_rel_m)  # it comes through the new circle, too
+    other.autopilot.home = replace(other.autopilot.home, east_m=east_m, north_m=north_m + 1100.0)
+    other.autopilot.set_mode(Mode.MANUAL)
+    fly_on(sky, 0.4)
+    other.autopilot.set_mode(Mode.RTL)
+    fly_on(sky, 60.0)
+    assert len(sky.told(NoticeCode.CHANGES_LAYER)) > 1
+    assert not sky.near_s
 
 
 def test_with_warnings_only_no_vehicle_that_holds_is_moved():
