@@ -447,7 +447,7 @@ class NoticeCode(TableCode):
     REPORTS_LATE = _vehicle(
         "reports-late",
         _W,
-        "its reports come {delay_s:.1f} s late: its radio gets more than it can carry",
+        "its reports come {delay_s:.1f} s late: its radio gets more than it can carry, or its clock is slow",
         "for ten seconds reports took so much longer to arrive than the fastest ones; or the clock of the "
         "vehicle is slow, such as in a simulation on a slow machine",
         "its place on the map is old by that time: lower `telemetry.rate_hz` and the streams that it sends "
