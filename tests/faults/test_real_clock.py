@@ -50,6 +50,12 @@ def heartbeats_ns(folder: Path) -> list[list[int]]:
     return list(sent.values())
 
 
+def until_set(run: Run, times: int) -> None:
+    """Wait until a service that may have waited for the processor has seen that its clock was set."""
+    if FAKETIME is not None:
+        run.until("flight", lambda said: said.count("clock of this machine was set") == times)
+
+
 @pytest.mark.real_time
 def test_a_service_whose_clock_is_set_and_that_is_stopped_in_flight_loses_no_vehicle(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -62,6 +68,7 @@ def test_a_service_whose_clock_is_set_and_that_is_stopped_in_flight_loses_no_veh
         flying_ns, waited_flying_ns = time.time_ns(), waited_ns(service)
         wall.set_by(-20)
         time.sleep(1.5)
+        until_set(run, 1)
         stopped_ns, waited_stopped_ns = time.time_ns(), waited_ns(service)
         service.send_signal(signal.SIGSTOP)
         wall.set_by(3600)
@@ -69,8 +76,10 @@ def test_a_service_whose_clock_is_set_and_that_is_stopped_in_flight_loses_no_veh
         goes_on_ns = time.time_ns()
         service.send_signal(signal.SIGCONT)
         time.sleep(1.5)
+        until_set(run, 2)
         wall.set_by(-600)
         time.sleep(1.5)
+        until_set(run, 3)
         ends_ns, waited_ended_ns = time.time_ns(), waited_ns(service)
         service.send_signal(signal.SIGINT)
         assert service.wait(20.0) == 0
