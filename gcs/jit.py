@@ -228,6 +228,32 @@ def prefetch_row(typing: Any, array: Any, row: Any) -> Any:  # noqa: ARG001  num
     return types.void(array, row), code
 
 
+@intrinsic  # type: ignore[untyped-decorator]
+def call_c(typing: Any, address: Any, to: Any, row: Any, source: Any, at: Any, count: Any) -> Any:  # noqa: ARG001  numba's signature
+    """Call a C function with pointers to a row of a matrix and to an element of an array, and a number.
+
+    A function with fewer parameters ignores the last.
+    """
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        from llvmlite import ir
+        from numba.core.cgutils import unpack_tuple
+        from numba.np.arrayobj import make_array
+
+        byte = ir.IntType(8).as_pointer()
+        matrix, array = (make_array(signature.args[k])(context, builder, args[k]) for k in (1, 3))
+        pointers = []
+        for buffer, index in ((matrix, args[2]), (array, args[4])):
+            stride = unpack_tuple(builder, buffer.strides)[0]
+            first = builder.bitcast(buffer.data, byte)
+            pointers.append(builder.gep(first, [builder.mul(stride, index)]))
+        kind = ir.FunctionType(ir.VoidType(), [byte, byte, args[5].type]).as_pointer()
+        builder.call(builder.inttoptr(args[0], kind), [*pointers, args[5]])
+        return context.get_dummy_value()
+
+    return types.void(address, to, row, source, at, count), code
+
+
 def warm_up(*modules: str, on_compiled: Callable[[str, int, int], None] | None = None) -> None:
     """Load the kernels of modules (names) from the cache, or compile them with a helper process.
 

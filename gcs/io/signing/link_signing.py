@@ -16,7 +16,7 @@ from gcs.errors import ConfigError
 from gcs.io.background_writer import BackgroundWriter
 from gcs.io.clock import unix_ns
 from gcs.io.signing.keystore import TimeFile, read_keys
-from gcs.mavlink.frames.signing import TICKS_PER_S, Keys, SigningCounters, SigningGate
+from gcs.mavlink.frames.signing import TICKS_PER_S, Keys, SigningCounters, SigningGate, timestamp_of
 from gcs.mistake_codes import MistakeCode
 from gcs.model import NS_PER_S, NoticeCode, NoticeContent, Parameter
 
@@ -73,12 +73,12 @@ class LinkSigning:
     def tick(self, t_ns: int) -> list[tuple[str, NoticeContent]]:
         """Save the times at intervals, and when they run ahead of the saved ones; return notices by link."""
         news: list[tuple[str, NoticeContent]] = []
-        wait_ns = _SAVE_AGAIN_NS if self.gate.runs_ahead else _SAVE_EVERY_NS
+        wait_ns = _SAVE_AGAIN_NS if self.gate.times.runs_ahead else _SAVE_EVERY_NS
         link = next(iter(self.gate.links), "")
         if self._writer is not None and self._time is not None:
             if not 0 <= t_ns - self._saved_t_ns < wait_ns and self._writer.is_idle:
                 self._saved_t_ns = t_ns
-                streams = self.gate.times_to_save(t_ns)
+                streams = self.gate.times.to_save(timestamp_of(t_ns))
                 latest = max((self.gate.timestamp, *streams.values()))
                 self._writer.put(partial(self._save, latest + _SAVE_AHEAD_TICKS, streams, unix_ns()))
             cause = self._saved
@@ -131,7 +131,7 @@ class LinkSigning:
         if self._time is not None and self._writer is not None:
             self.wait_until_saved()
             with contextlib.suppress(OSError):  # reported while it ran
-                self._time.write(self.gate.timestamp, self.gate.streams)
+                self._time.write(self.gate.timestamp, self.gate.times.latest())
 
 
 _ADVICE: Final = {

@@ -67,7 +67,7 @@ from gcs.mavlink.fleet.telemetry_table import (
     WIDTH,
     VehicleRecord,
 )
-from gcs.mavlink.frames import batches, fast_scan
+from gcs.mavlink.frames import batches, fast_scan, fast_verify
 from gcs.mavlink.frames.codec import (
     AUTOPILOT_COMPONENT_ID,
     CHECKED,
@@ -371,13 +371,14 @@ class VehicleTable:
 
 
 def warm_up_calls() -> list[jit.Call]:
-    """Return one call of each kernel, including those for framing and batches."""
+    """Return one call of each kernel, including those for framing, batches and signatures."""
     frames = np.zeros((2, CHECKED + 1), np.int32)
     lookup = np.full(_SYSTEM_IDS + _MESSAGE_IDS, NONE, np.int64)
     table = np.zeros((1, WIDTH), np.int64)
     return [
         *fast_scan.warm_up_calls(),
         *batches.warm_up_calls(),
+        *fast_verify.warm_up_calls(),
         (_apply_kernel, b"\xfd", frames, 0, 0, 0, lookup, table, np.zeros(4)),
     ]
 

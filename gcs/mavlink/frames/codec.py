@@ -64,6 +64,8 @@ _CRC_BYTES = 2
 _SIGNATURE_BYTES = 13
 SIGNED_FLAG = 0x01
 MAX_FALSE_STARTS = 64
+SETUP_SIGNING: Final[int] = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
+"""Message that carries a key."""
 START_BYTE = re.compile(b"[\xfd\xfe]")
 _FIELD_CODE = re.compile(r"\d*[a-zA-Z]")
 

@@ -1,99 +1,196 @@
-"""Signature checks of whole datagrams: fast form of `signing.SigningGate`.
+"""Signature checks of whole datagrams as a compiled kernel: fast form of `signing.SigningGate`.
 
-Of a regular datagram only the hashes remain to be checked here. For anything irregular (bytes outside frames,
-an unknown id, an unsigned frame, another key, a late frame, the first of its stream) nothing is noted and the
-gate decides, frame by frame.
+For anything irregular (bytes outside frames, an unknown id, an unsigned frame, a key in it, another key, a
+late frame, the first of a sender) nothing is noted and the gate decides, frame by frame.
+
+The kernel calls the SHA-256 of the OpenSSL that `hashlib` has loaded. A Python with OpenSSL built in has
+no such functions: there the gate decides on all.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from hashlib import sha256
-from hmac import compare_digest
-from typing import NamedTuple
+import ctypes
+import hashlib
+from typing import Final
 
-from gcs.endpoints import Link
-from gcs.mavlink.frames.codec import FrameTable
+import numpy as np
 
-_HASH_BYTES = 6
-_TIMESTAMP_OFFSET = 12
-_LINK_ID_OFFSET = 13
+from gcs import jit
+from gcs.mavlink.frames.codec import (
+    COMPONENT,
+    LENGTH,
+    MESSAGE_ID,
+    OFFSET,
+    SETUP_SIGNING,
+    SIGNED,
+    SYSTEM,
+    FrameTable,
+)
+from gcs.mavlink.frames.codec import WIDTH as FRAME_WIDTH
+from gcs.mavlink.frames.fast_scan import Bytes
+from gcs.mavlink.frames.signing_times import LEAD, SAVED, TIME, SigningTimes
+from gcs.mavlink.frames.signing_times import WIDTH as TIMES_WIDTH
+from gcs.model import Int32Array, IntArray
+
+_SIGNATURE_OFFSET: Final = 6
+_TIMESTAMP_OFFSET: Final = 12
+_LINK_ID_OFFSET: Final = 13
+_CONTEXT_WORDS: Final = 16
+"""At least OpenSSL's SHA256_CTX, 112 bytes."""
+_CONTEXT, _DIGEST, _FIRST_KEY = range(3)
+"""Rows of the contexts: of the hash in work, its digest, and that of the first key."""
+
+_SENDER, _STREAM, _KEY = range(3)
+_NONE: Final = -1
 
 
-class Verified(NamedTuple):
-    """Contents of a datagram that is accepted."""
+def _slot(senders: IntArray, sender: int) -> int:
+    """Return the slot of a sender in the hash table; a free one if it is not there."""
+    at = (sender * 0x9E3779B1 >> 16) & (len(senders) - 1)
+    while senders[at, _SENDER] != sender and senders[at, _SENDER] != _NONE:
+        at = (at + 1) & (len(senders) - 1)
+    return at
 
-    frames: int
-    times: dict[str, int]
-    """Signing time of each stream in it."""
-    keys: dict[bytes, None]
-    """Keys in use, in order."""
+
+_slot_of = jit.leaf(_slot)
+
+
+@jit.leaf
+def _six_bytes(data: Bytes, at: int) -> int:
+    value = jit.int64(0)
+    for k in range(6):
+        value |= jit.int64(data[at + k]) << (8 * k)
+    return value
+
+
+@jit.kernel
+def _verify(
+    data: Bytes, frames: Int32Array, link: int, senders: IntArray, contexts: IntArray, update: int,
+    final: int, times: IntArray, now: int, max_ahead: int, found: IntArray,
+) -> tuple[int, bool]:  # fmt: skip
+    """Verify a datagram, and advance the times of its streams, unless the gate must decide.
+
+    `found` receives the row of the stream, its time before, and the row of the key of each frame.
+
+    Returns the latest time, 0 if the gate must decide, and True if a stream runs ahead of its saved time.
+    """
+    count = 0
+    last = jit.int64(0)
+    for row in range(len(frames)):
+        begin = jit.int64(frames[row, OFFSET])
+        end = begin + frames[row, LENGTH]
+        if not frames[row, SIGNED] or frames[row, MESSAGE_ID] == SETUP_SIGNING:
+            break
+        sender = link | (frames[row, SYSTEM] << 16) | (frames[row, COMPONENT] << 8)
+        slot = _slot_of(senders, sender | jit.int64(data[end - _LINK_ID_OFFSET]))
+        time = _six_bytes(data, end - _TIMESTAMP_OFFSET)
+        stream = senders[slot, _STREAM]
+        if senders[slot, _SENDER] == _NONE or time <= times[stream, TIME] or time < last:
+            break  # in a datagram the gate goes by signing time
+        key = senders[slot, _KEY]
+        for k in range(_CONTEXT_WORDS):
+            contexts[_CONTEXT, k] = contexts[key, k]
+        jit.call_c(update, contexts, _CONTEXT, data, begin, end - _SIGNATURE_OFFSET - begin)
+        jit.call_c(final, contexts, _DIGEST, contexts, _CONTEXT, 0)
+        if (contexts[_DIGEST, 0] ^ _six_bytes(data, end - _SIGNATURE_OFFSET)) & 0xFFFFFFFFFFFF:
+            break
+        found[row, 0] = stream
+        found[row, 1] = times[stream, TIME]
+        found[row, 2] = key
+        times[stream, TIME] = last = time
+        count += 1
+    is_ahead = False
+    for row in range(count - 1, -1, -1):
+        stream = found[row, 0]
+        if count < len(frames):
+            times[stream, TIME] = found[row, 1]
+        else:
+            time = times[stream, TIME]
+            times[stream, LEAD] = max(times[stream, LEAD], time - now)
+            is_ahead |= time > times[stream, SAVED] + max_ahead
+    return last if count == len(frames) else 0, is_ahead
+
+
+class _Sha256:
+    """OpenSSL's SHA-256; `is_there` is False if it is not found, or does not do what `hashlib` does."""
+
+    def __init__(self) -> None:
+        try:
+            import _hashlib
+
+            library = ctypes.CDLL(_hashlib.__file__)
+            self._init, update, final = library.SHA256_Init, library.SHA256_Update, library.SHA256_Final
+        except (ImportError, AttributeError, OSError):
+            self.is_there = False
+            return
+        self._update = update
+        self.update, self.final = (ctypes.cast(one, ctypes.c_void_p).value or 0 for one in (update, final))
+        digest = np.zeros(4, np.int64)
+        final(digest.ctypes, self.begun(b"text").ctypes)
+        self.is_there = digest.tobytes() == hashlib.sha256(b"text").digest()
+
+    def begun(self, text: bytes) -> IntArray:
+        """Return the context of a hash that begins with a text."""
+        context = np.zeros(_CONTEXT_WORDS, np.int64)
+        self._init(context.ctypes)
+        self._update(context.ctypes, text, ctypes.c_size_t(len(text)))
+        return context
 
 
 class Verifier:
-    """Checks datagrams; changes nothing.
+    """Checks datagrams of senders that the gate has accepted before.
 
     Parameters
     ----------
-    key_of : callable
-        Link and system id to key; None where no signature is needed.
-    stream_of : callable
-        Link, system id, component id and link id of a signature to the stream's name.
-    streams : mapping
-        Latest signing time of each stream, at the time of the call.
+    times : SigningTimes
+        Times of all streams; frames that are accepted advance them.
     """
 
-    def __init__(
-        self,
-        key_of: Callable[[Link, int], bytes | None],
-        stream_of: Callable[[Link, int, int, int], str],
-        streams: Mapping[str, int],
-    ) -> None:
-        self._key_of = key_of
-        self._stream_of = stream_of
-        self._streams = streams
-        self._senders: dict[str, dict[int, tuple[bytes, str]]] = {}
-        """Key and stream by link, and by the sender's and the signature's ids in one number."""
+    def __init__(self, times: SigningTimes) -> None:
+        self._times = times
+        self._sha256 = _Sha256()
+        self._keys: list[bytes] = []
+        self._contexts = np.zeros((_FIRST_KEY, _CONTEXT_WORDS), np.int64)
+        self._known: dict[int, tuple[int, int]] = {}
+        self._senders = np.full((64, 3), _NONE, np.int64)
+        """Hash table of sender, row of its stream and row of its key; half of it is free at least."""
+        self._found = np.zeros((64, 3), np.int64)
 
-    def check(self, link: Link, name: str, frames: FrameTable) -> Verified | None:
-        """Check a datagram of a link of this name; None if the gate must decide."""
-        data = frames.data
-        if frames.bad_bytes or frames.unknown or not data:
+    def check(self, link: int, frames: FrameTable, now: int) -> tuple[list[bytes], int] | None:
+        """Return the keys and the latest time of an accepted datagram; None if the gate must decide."""
+        if frames.bad_bytes or frames.unknown or not frames.count or not self._known:
             return None
-        senders = self._senders.setdefault(name, {})
-        streams = self._streams
-        times: dict[str, int] = {}
-        keys: dict[bytes, None] = {}
-        last = 0
-        for offset, length, _, system, component, _, signed, _ in frames.rows.tolist():
-            if not signed:
-                return None
-            end = offset + length
-            link_id = data[end - _LINK_ID_OFFSET]
-            sender = (system << 16) | (component << 8) | link_id
-            entry = senders.get(sender)
-            if entry is None:
-                entry = self._add_sender(link, senders, sender, (system, component, link_id))
-                if entry is None:
-                    return None
-            key, stream = entry
-            timestamp = int.from_bytes(data[end - _TIMESTAMP_OFFSET : end - _HASH_BYTES], "little")
-            before = times.get(stream) or streams.get(stream)
-            if before is None or timestamp <= before or timestamp < last:
-                return None  # in a datagram the gate goes by signing time
-            digest = sha256(key + data[offset : end - _HASH_BYTES]).digest()[:_HASH_BYTES]
-            if not compare_digest(digest, data[end - _HASH_BYTES : end]):
-                return None
-            times[stream] = last = timestamp
-            keys[key] = None
-        return Verified(frames.count, times, keys)
+        if frames.count > len(self._found):
+            self._found = np.zeros((2 * frames.count, 3), np.int64)
+        latest, runs_ahead = _verify(
+            frames.data, frames.rows, link << 24, self._senders, self._contexts, self._sha256.update,
+            self._sha256.final, self._times.table, now, self._times.max_ahead(now), self._found,
+        )  # fmt: skip
+        if not latest:
+            return None
+        self._times.runs_ahead |= runs_ahead
+        used = dict.fromkeys(self._found[: frames.count, 2].tolist())
+        return [self._keys[key - _FIRST_KEY] for key in used], latest
 
-    def _add_sender(
-        self, link: Link, senders: dict[int, tuple[bytes, str]], sender: int, ids: tuple[int, int, int]
-    ) -> tuple[bytes, str] | None:
-        """Look up key and stream of a sender; only accepted streams are kept."""
-        key = self._key_of(link, ids[0])
-        stream = self._stream_of(link, *ids)
-        if key is None or stream not in self._streams:
-            return None
-        return senders.setdefault(sender, (key, stream))
+    def add(self, link: int, system: int, component: int, link_id: int, stream: str, key: bytes) -> None:
+        """Add a sender of which the gate has accepted a frame."""
+        sender = (link << 24) | (system << 16) | (component << 8) | link_id
+        if sender in self._known or not self._sha256.is_there:
+            return
+        if key not in self._keys:
+            self._keys.append(key)
+            self._contexts = np.vstack([self._contexts, self._sha256.begun(key)])
+        self._known[sender] = self._times.rows[stream], _FIRST_KEY + self._keys.index(key)
+        added = {sender: self._known[sender]}
+        if 2 * len(self._known) > len(self._senders):
+            self._senders = np.full((2 * len(self._senders), 3), _NONE, np.int64)
+            added = self._known
+        for one, rows in added.items():
+            self._senders[_slot(self._senders, one)] = (one, *rows)
+
+
+def warm_up_calls() -> list[jit.Call]:
+    """Return one call of each kernel."""
+    frames = np.zeros((1, FRAME_WIDTH), np.int32)
+    numbers = np.zeros((1, max(3, TIMES_WIDTH)), np.int64)
+    return [(_verify, b"\xfd", frames, 0, numbers, numbers, 0, 0, numbers, 0, 0, numbers)]

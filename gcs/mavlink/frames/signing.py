@@ -25,15 +25,18 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Final, TypeAlias
+from typing import TYPE_CHECKING, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Link
 from gcs.mavlink.fleet.peers import Address
-from gcs.mavlink.frames.codec import MAGIC_V2, SIGNED_FLAG, Frame, FrameTable, target_of
-from gcs.mavlink.frames.fast_verify import Verified, Verifier
+from gcs.mavlink.frames.codec import MAGIC_V2, SETUP_SIGNING, SIGNED_FLAG, Frame, FrameTable, target_of
+from gcs.mavlink.frames.signing_times import SigningTimes, Stream
 from gcs.model import NS_PER_S, network_of, vehicle_id
+
+if TYPE_CHECKING:
+    from gcs.mavlink.frames.fast_verify import Verifier
 
 KEY_BYTES: Final = 32
 EPOCH_S: Final = 1_420_070_400
@@ -44,16 +47,10 @@ old address are a replay."""
 TICKS_PER_S: Final = 100_000
 MAX_STALE_TICKS: Final = 60 * TICKS_PER_S
 
-Stream: TypeAlias = str
-""""network/system/component/link id"; on an endpoint for other ground stations preceded by its name."""
-
 NS_PER_TICK: Final = 10_000
-_SETUP_SIGNING: Final[int] = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
-_MAYBE_SETUP: Final = re.compile(b"\xfd.{6}" + re.escape(_SETUP_SIGNING.to_bytes(3, "little")), re.DOTALL)
+_MAYBE_SETUP: Final = re.compile(b"\xfd.{6}" + re.escape(SETUP_SIGNING.to_bytes(3, "little")), re.DOTALL)
 _RADIO: Final = (dialect.MAVLINK_MSG_ID_RADIO_STATUS, dialect.MAVLINK_MSG_ID_RADIO)
 _MAX_STREAMS: Final = 16_384
-_MAX_AHEAD_TICKS: Final = TICKS_PER_S // 5
-"""A stream may be ahead of its saved time by this much: less than the service needs for a restart."""
 _MAX_ADDRESSES: Final = 1024
 _ANSWER_EVERY_NS: Final = NS_PER_S
 """Time between two answers to one address with stale frames, which may be replayed."""
@@ -180,7 +177,7 @@ class SigningGate:
         streams: Mapping[Stream, int] | None = None,
     ) -> None:
         self.timestamp = timestamp
-        self.streams: dict[Stream, int] = dict(streams or {})
+        self.times = SigningTimes(streams or {})
         self.counters: dict[str, SigningCounters] = {}
         self._keys = keys
         self.links = {link.name: link for link in links}
@@ -191,13 +188,12 @@ class SigningGate:
         self._stale_senders: dict[Address, None] = {}
         self._answered_t_ns: dict[Address, int] = {}
         """Time of the last answer to a stale sender."""
-        self._leads: dict[Stream, int] = {}
-        """Greatest lead of a stream over our clock since times were saved; may be negative."""
-        self._saved: tuple[int, Mapping[Stream, int]] = 0, {}
-        """Signing time when times were saved, and the streams' then."""
-        self.runs_ahead = False
-        """True if a stream is ahead of its saved time: after a crash now, its frames could be replayed."""
-        self._verifier = Verifier(keys.key_for, _stream_of, self.streams)
+        self._numbers = {name: number for number, name in enumerate(self.links)}
+        self._verifier: Verifier | None = None
+        if any(self._keyed.values()):
+            from gcs.mavlink.frames.fast_verify import Verifier
+
+            self._verifier = Verifier(self.times)
 
     def is_keyed(self, link: str, system_id: int | None = None) -> bool:
         """Return True if frames of a system on a link must be signed; without a system id: of any system."""
@@ -210,53 +206,24 @@ class SigningGate:
     def accept_frames(self, t_ns: int, address: Address, frames: FrameTable) -> bytes:
         """Return the accepted part of a datagram: unchanged, unless a frame is rejected."""
         data = frames.data
+        is_keyed = self._keyed[address[0]]
+        if is_keyed and self._verifier is not None:
+            verified = self._verifier.check(self._numbers[address[0]], frames, timestamp_of(t_ns))
+            if verified is not None:
+                keys, latest = verified
+                self._counters_of(address[0]).verified += frames.count
+                for key in keys:
+                    self._note_key(address, key)
+                self.timestamp = max(self.timestamp, latest)
+                return data
         has_setup = _MAYBE_SETUP.search(data) is not None
-        if not (has_setup or self._keyed[address[0]]):
+        if not (has_setup or is_keyed):
             return data
         link = self.links[address[0]]
-        if not has_setup:
-            verified = self._verifier.check(link, address[0], frames)
-            if verified is not None:
-                self._note_verified(t_ns, address, verified)
-                return data
         in_order = sorted(frames, key=signing_time)
         kept = [frame.data for frame in in_order if self._is_accepted(t_ns, address, link, frame)]
         hides = frames.bad_bytes and has_setup  # a damaged frame may hold most of a key
         return data if len(kept) == frames.count and not hides else b"".join(kept)
-
-    def _note_verified(self, t_ns: int, address: Address, verified: Verified) -> None:
-        """Note the keys and times of a fully verified datagram."""
-        self._counters_of(address[0]).verified += verified.frames
-        for key in verified.keys:
-            self._note_key(address, key)
-        self._advance(verified.times, timestamp_of(t_ns))
-
-    def _advance(self, times: Mapping[Stream, int], now: int) -> None:
-        """Advance the times of streams, and ours with them."""
-        self.streams.update(times)
-        leads = self._leads
-        then, saved = self._saved
-        max_ahead = now - then + _MAX_AHEAD_TICKS
-        for stream, timestamp in times.items():
-            lead = timestamp - now
-            if stream not in leads or lead > leads[stream]:
-                leads[stream] = lead
-            if stream not in saved or timestamp > saved[stream] + max_ahead:
-                self.runs_ahead = True
-        self.timestamp = max(self.timestamp, *times.values())
-
-    def times_to_save(self, t_ns: int) -> dict[Stream, int]:
-        """Return a time for each stream, later than every frame that it may send until `t_ns`.
-
-        A stream advances with the clock. So a saved time plus the elapsed time is not behind any accepted
-        frame, and behind the frames that the stream sends from then on.
-        """
-        now = timestamp_of(t_ns)
-        times = {s: max(time, now + self._leads.get(s, time - now)) for s, time in self.streams.items()}
-        self._leads.clear()
-        self._saved = now, times
-        self.runs_ahead = False
-        return times
 
     def _note_key(self, address: Address, key: bytes) -> None:
         if len(self._keys_at) < _MAX_ADDRESSES or address in self._keys_at:
@@ -277,7 +244,7 @@ class SigningGate:
 
     def _rejection(self, t_ns: int, address: Address, link: Link, frame: Frame, key: bytes | None) -> str:
         """Return why a frame is rejected; empty if it is accepted, which advances its stream."""
-        if frame.message_id == _SETUP_SIGNING:
+        if frame.message_id == SETUP_SIGNING:
             return "SETUP_SIGNING, which carries a key"
         if key is None or (not frame.signed and frame.message_id in _RADIO):
             return ""
@@ -288,17 +255,22 @@ class SigningGate:
         self._note_key(address, key)
         timestamp = signing_time(frame)
         now = max(self.timestamp, timestamp_of(t_ns))
-        stream = _stream(link, frame)
-        before = self.streams.get(stream)
+        link_id = frame.data[-13]
+        stream = _stream_of(link, frame.system_id, frame.component_id, link_id)
+        before = self.times.latest_of(stream)
         if before is not None and timestamp <= before:
             self._note_stale_sender(address)
             return "signed before the last one: sent again, or overtaken"
         if before is None and timestamp < now - MAX_STALE_TICKS:
             self._note_stale_sender(address)
             return "signed more than a minute ago"
-        if before is None and len(self.streams) >= _MAX_STREAMS:
+        if before is None and len(self.times.rows) >= _MAX_STREAMS:
             return "too many senders"
-        self._advance({stream: timestamp}, timestamp_of(t_ns))
+        self.times.advance(stream, timestamp, timestamp_of(t_ns))
+        self.timestamp = max(self.timestamp, timestamp)
+        if self._verifier is not None:
+            number = self._numbers[link.name]
+            self._verifier.add(number, frame.system_id, frame.component_id, link_id, stream, key)
         return ""
 
     def _note_stale_sender(self, address: Address) -> None:
@@ -351,10 +323,6 @@ class SigningGate:
             return tuple(self._keys_at[address])
         key = self._keys.key_for(link, target)
         return () if key is None else (key,)
-
-
-def _stream(link: Link, frame: Frame) -> Stream:
-    return _stream_of(link, frame.system_id, frame.component_id, frame.data[-13])
 
 
 def _stream_of(link: Link, system_id: int, component_id: int, link_id: int) -> Stream:

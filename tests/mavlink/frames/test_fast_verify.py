@@ -5,6 +5,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Link, parse_endpoint
+from gcs.mavlink.frames import fast_verify
 from gcs.mavlink.frames.codec import Encoder, scan
 from gcs.mavlink.frames.signing import Keys, SigningGate, signed, timestamp_of
 from gcs.model import vehicle_id
@@ -14,6 +15,7 @@ NOW = 1_767_225_600 * S
 KEY, OTHER, WRONG = bytes(range(32)), bytes(range(1, 33)), bytes(32)
 LINKS = [Link(parse_endpoint(f"udpin:0.0.0.0:1455{network}"), network) for network in (0, 1)]
 KEYS = Keys({vehicle_id(0, 2): OTHER}, {LINKS[1].name: OTHER}, KEY)
+BEAT = dialect.MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3)
 RIGHT = {(0, 1): KEY, (0, 2): OTHER, (1, 1): OTHER, (1, 2): OTHER}
 
 
@@ -55,13 +57,13 @@ class Air:
 
 def known(gate):
     heard = [(address, list(keys)) for address, keys in gate._keys_at.items()]
-    return gate.timestamp, gate.streams, gate.counters, heard, gate.take_stale_senders(0)
+    return gate.timestamp, gate.times.latest(), gate.counters, heard, gate.take_stale_senders(0)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_both_ways_of_checking_let_in_the_same_and_remember_the_same(seed):
     fast, simple = SigningGate(KEYS, LINKS), SigningGate(KEYS, LINKS)
-    simple._verifier.check = lambda *_: None
+    simple._verifier = None
     air, whole = Air(seed), 0
     slow_checks = []
     fast._is_accepted = lambda *args: slow_checks.append(1) or SigningGate._is_accepted(fast, *args)
@@ -77,3 +79,38 @@ def test_both_ways_of_checking_let_in_the_same_and_remember_the_same(seed):
     assert len(reasons) >= 3, "not signed, another key, sent again"
     assert whole > 700
     assert len(slow_checks) < sum(link.verified for link in fast.counters.values()), "few need the slow check"
+
+
+def test_signatures_of_frames_of_all_lengths_are_checked():
+    gate, vehicle, now = SigningGate(KEYS, LINKS), Encoder(1, 1), timestamp_of(NOW)
+    address = (LINKS[0].name, "10.0.0.1:1")
+    gate.accept_frames(NOW, address, scan(signed(vehicle(BEAT), KEY, 0, now)))
+    gate._is_accepted = None  # the gate decides on none
+    for length in range(254):
+        data = [1 + k % 255 for k in range(length)] + [0] * (253 - length)
+        frame = signed(vehicle(dialect.MAVLink_encapsulated_data_message(1, data)), KEY, 0, now + 1 + length)
+        assert gate.accept_frames(NOW, address, scan(frame)) == frame
+    assert gate.counters[LINKS[0].name].verified == 255
+
+
+def test_more_senders_than_the_table_has_room_for_are_told_apart():
+    gate, pens = SigningGate(KEYS, LINKS), {system: Encoder(system, 1) for system in range(1, 251)}
+    address, now = (LINKS[0].name, "10.0.0.1:1"), timestamp_of(NOW)
+    for number in range(3):
+        frames = [
+            signed(pen(BEAT), OTHER if system == 2 else KEY, system % 3, now + number)
+            for system, pen in pens.items()
+        ]
+        for frame in frames:
+            assert gate.accept_frames(NOW, address, scan(frame)) == frame
+            assert gate.accept_frames(NOW, address, scan(frame)) == b"", "sent again"
+    assert set(gate.times.latest().values()) == {now + 2}
+    assert len(gate._verifier._known) == 250
+
+
+def test_without_functions_of_openssl_the_gate_decides_on_all(monkeypatch):
+    monkeypatch.setattr(fast_verify.ctypes, "CDLL", lambda _: object())
+    gate, vehicle, now = SigningGate(KEYS, LINKS), Encoder(1, 1), timestamp_of(NOW)
+    for number in range(3):
+        frame = signed(vehicle(BEAT), KEY, 0, now + number)
+        assert gate.accept_frames(NOW, (LINKS[0].name, "10.0.0.1:1"), scan(frame)) == frame

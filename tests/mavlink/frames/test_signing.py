@@ -182,7 +182,7 @@ def test_after_a_restart_frames_from_before_it_are_still_old():
     first, peer = gate(), Peer()
     frame = peer.send()
     assert first.accept_frames(NOW, HERE, scan(frame))
-    second = gate(timestamp=first.timestamp, streams=first.streams)
+    second = gate(timestamp=first.timestamp, streams=first.times.latest())
     assert second.accept_frames(NOW, HERE, scan(frame)) == b""
     assert second.accept_frames(NOW, HERE, scan(peer.send()))
 
@@ -276,5 +276,5 @@ def test_senders_who_hold_the_key_cannot_fill_the_memory(monkeypatch):
     for number in range(600):
         peer = Peer(1 + number % 250, link_id=number // 250 % 256)
         subject.accept_frames(NOW, (VEHICLES.name, f"10.0.{number}:1"), scan(peer.send()))
-    assert len(subject.streams) == 400
+    assert len(subject.times.latest()) == 400
     assert len(subject._keys_at) == 100
