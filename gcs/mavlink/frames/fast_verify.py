@@ -3,14 +3,16 @@
 For anything irregular (bytes outside frames, an unknown id, an unsigned frame, a key in it, another key, a
 late frame, the first of a sender) nothing is noted and the gate decides, frame by frame.
 
-The kernel calls the SHA-256 of the OpenSSL that `hashlib` has loaded. A Python with OpenSSL built in has
-no such functions: there the gate decides on all.
+The kernel calls the SHA-256 of the OpenSSL that `hashlib` has loaded; that of the system where Python has
+OpenSSL built in. Without such functions the gate decides on all.
 """
 
 from __future__ import annotations
 
 import ctypes
+import ctypes.util
 import hashlib
+import sys
 from typing import Final
 
 import numpy as np
@@ -118,7 +120,10 @@ class _Sha256:
         try:
             import _hashlib
 
-            library = ctypes.CDLL(_hashlib.__file__)
+            path = getattr(_hashlib, "__file__", None)
+            if path is None and sys.platform == "linux":  # others end programs that load their OpenSSL
+                path = ctypes.util.find_library("crypto")
+            library = ctypes.CDLL(path)
             self._init, update, final = library.SHA256_Init, library.SHA256_Update, library.SHA256_Final
         except (ImportError, AttributeError, OSError):
             self.is_there = False
