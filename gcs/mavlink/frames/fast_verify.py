@@ -124,12 +124,14 @@ class _Sha256:
             if path is None and sys.platform == "linux":  # others end programs that load their OpenSSL
                 path = ctypes.util.find_library("crypto")
             library = ctypes.CDLL(path)
-            self._init, update, final = library.SHA256_Init, library.SHA256_Update, library.SHA256_Final
+            self._init = library.SHA256_Init
+            self._update = library.SHA256_Update
+            final = library.SHA256_Final
         except (ImportError, AttributeError, OSError):
             self.is_there = False
             return
-        self._update = update
-        self.update, self.final = (ctypes.cast(one, ctypes.c_void_p).value or 0 for one in (update, final))
+        self.update = ctypes.cast(self._update, ctypes.c_void_p).value or 0
+        self.final = ctypes.cast(final, ctypes.c_void_p).value or 0
         digest = np.zeros(4, np.int64)
         final(digest.ctypes, self.begun(b"text").ctypes)
         self.is_there = digest.tobytes() == hashlib.sha256(b"text").digest()
