@@ -68,6 +68,41 @@ zenoh = "tcp/127.0.0.1:7449"
     assert not [name for name in levels(links) if "ttyNONE" in name]
 
 
+def test_an_address_of_another_machine_is_no_taken_port():
+    endpoint = "udpin:192.0.2.1:14550"
+    found = levels(f'mavlink = "{endpoint}"\nzenoh = "tcp/127.0.0.1:0"\n')[endpoint]
+    assert (found.level, "end the program" in found.remedy) == ("problem", False)
+
+
+def test_a_host_without_an_address_is_no_taken_port():
+    endpoint = "udpin:radio.invalid:14550"
+    found = levels(f'mavlink = "{endpoint}"\nzenoh = "tcp/127.0.0.1:0"\n')[endpoint]
+    assert (found.level, "end the program" in found.remedy) == ("problem", False)
+
+
+def test_a_standby_and_a_bridge_pass_where_the_other_nodes_are_elsewhere():
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        taken = f"tls/127.0.0.1:{other.getsockname()[1]}"
+        links = f"""
+mavlink = "udpin:127.0.0.1:0"
+zenoh = "tls/192.0.2.6:7447"
+standby = "{taken}"
+zenoh_tls = "keys"
+[[links.bridges]]
+name = "main"
+zenoh = "tls/192.0.2.5:7449"
+"""
+        found = {name: one.level for name, one in levels(links).items()}
+    assert found == {
+        "udpin:127.0.0.1:0": "ok",
+        "zenoh tls/192.0.2.6:7447": "ok",
+        f"zenoh {taken}": "problem",
+        "zenoh tls/192.0.2.5:7449": "ok",
+    }
+
+
 def test_an_unset_clock_is_a_problem(tmp_path, monkeypatch):
     assert machine(tmp_path)["clock"].level != "problem"
     monkeypatch.setattr(time, "time", lambda: 86_400.0)
