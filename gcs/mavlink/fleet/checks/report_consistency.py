@@ -125,8 +125,9 @@ class ReportConsistency:
         if 0.0 < elapsed_s < _MIN_INTERVAL_S:
             return
         self.last = sample
+        if elapsed_ms >= _BOOT_WRAP_MS // 2:
+            self._restart_delay(notify)
         if elapsed_s == 0.0:
-            self.delay = ReportDelay()
             return
         self._check_delay(sample, elapsed_s, notify)
         if elapsed_s > _MAX_INTERVAL_S:
@@ -176,6 +177,12 @@ class ReportConsistency:
             notify(NoticeCode.REPORTS_LATE, delay_s=self.delay.mean_s)
         else:
             notify(NoticeCode.REPORTS_IN_TIME)
+
+    def _restart_delay(self, notify: Notify) -> None:
+        """Begin anew after a boot, which ends a warning."""
+        if self.delay.is_raised:
+            notify(NoticeCode.REPORTS_IN_TIME)
+        self.delay = ReportDelay()
 
     def _check_frames(self, last: Sample, now: Sample, notify: Notify) -> None:
         elapsed_s = max((now.t_ns - last.t_ns) / NS_PER_S, _MIN_INTERVAL_S)

@@ -108,6 +108,15 @@ def test_a_reboot_and_a_clock_that_drifts_do_not_make_reports_late():
     assert notices([*map(flown, range(60)), *booted]) == []
 
 
+def test_a_position_that_is_seen_twice_does_not_hide_the_delay_and_a_boot_ends_the_warning():
+    """Over an overloaded radio some seconds bring no new position; that began the measurement anew."""
+    late = [flown(float(k), 0.1 if k < 30 else 3.1) for k in range(90)]
+    twice = [one for k, one in enumerate(late) for one in ([one, one] if k % 7 == 0 else [one])]
+    booted = [sample(k, (0.0, 0.0), (0.0, 0.0), delay_s=200.0) for k in range(10)]
+    found = [code for code, _ in notices([*twice, *booted])]
+    assert found == [NoticeCode.REPORTS_LATE, NoticeCode.REPORTS_IN_TIME]
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_single_reports_that_come_late_are_no_warning(seed):
     rng = np.random.default_rng(seed)
