@@ -169,7 +169,9 @@ class FlightPhases:
         is_new = phase in (FlightPhase.ON_GROUND, FlightPhase.TAKING_OFF)
         if self._missions.is_in_takeoff(vehicle) or state.mode == "TAKEOFF" or (is_new and height_m < LOW_M):
             return FlightEvent.CLIMBS
-        return FlightEvent.CIRCLES if ending == "circle" else FlightEvent.FLIES
+        has_arrived = self._agents[vehicle].perception.status.status == "arrived"
+        is_at_target = ending == "circle" or (ending == "circle elsewhere" and has_arrived)
+        return FlightEvent.CIRCLES if is_at_target else FlightEvent.FLIES
 
     def _is_landing_planned(self, state: VehicleState) -> bool:
         home = self._fleet.home(state.system_id)

@@ -48,8 +48,6 @@ _MARGIN_M: Final = 20.0
 """Beyond the separation of two circles beside each other."""
 _MAX_ROUTES: Final = 2
 """Number of places to which routes are planned for one vehicle at most."""
-_MAX_CLEAR_ROUTES: Final = 4
-"""The same where only a route counts that comes near no other vehicle."""
 
 
 class StackedMissions:
@@ -116,7 +114,9 @@ class StackedMissions:
         planned = self._not_flown_yet(vehicle)
         return self._route(state, [place_m], hold_label(vehicle), planned, {}, flights)
 
-    def plan_clear_circle(self, vehicle: int, other: int, flights: PredictedFlights) -> Route | None:
+    def plan_clear_circle(
+        self, vehicle: int, other: int, search: int, flights: PredictedFlights
+    ) -> Route | None:
         """Return a route to a circle clear of all others, for a vehicle that circles at its target.
 
         That is a circle there in another layer, or one beside it. None if each of them, or the flight there,
@@ -126,6 +126,9 @@ class StackedMissions:
         ----------
         other : int
             Vehicle that comes near. Places away from it come first.
+        search : int
+            Number of earlier searches. Over terrain, where routes take longer to plan, each looks at one
+            place, and the next one at the next place.
         """
         onboard = self._agents[vehicle].tasking.onboard
         if onboard is None or not {vehicle, other} <= flights.states.keys():
@@ -134,6 +137,8 @@ class StackedMissions:
         from_m = flights.states[other]
         side_rad = math.atan2(east_m - from_m.east_m, north_m - from_m.north_m)
         ends_m = [(east_m, north_m), *self._beside(vehicle, (east_m, north_m), side_rad)]
+        if self._mission.terrain is not None:
+            ends_m = [ends_m[search % len(ends_m)]]
         planned = self._not_flown_yet(vehicle)
         state = flights.states[vehicle]
         label = hold_label(vehicle)
@@ -233,12 +238,12 @@ class StackedMissions:
             for route in self._in_layers(state, end_m, label, layers, flights.t_ns):
                 if not problem(route, planned, modes, flights, is_strict=True):
                     return route
-                if second is None and not problem(route, planned, modes, flights):
+                if not only_clear and second is None and not problem(route, planned, modes, flights):
                     second = route
-            if second is not None and not only_clear:
+            if second is not None:
                 return second
             tries += 1
-            if tries == (_MAX_CLEAR_ROUTES if only_clear else _MAX_ROUTES):
+            if tries == _MAX_ROUTES and not only_clear:
                 return None
         return None
 

@@ -74,7 +74,7 @@ _SOON_S: Final = 4.0
 _MIN_HOLD_NS: Final = ns(4.0)
 _MAX_HOLD_NS: Final = ns(60.0)
 _PERIOD_NS: Final = ns(1.0)
-_GIVE_WAY_AGAIN_NS: Final = ns(5.0)
+_GIVE_WAY_AGAIN_NS: Final = ns(1.0)
 """Time to the next search for a circle that is clear of a vehicle."""
 _STEERED: Final = frozenset({Authority.OURS, Authority.RETURNING, Authority.HELD})
 """Authority over vehicles that fly, or hold, as this service ordered."""
@@ -124,27 +124,34 @@ class Avoidances:
             return []
         for vehicle in sorted(ours, key=self._height_m, reverse=True):
             (number,) = (v for v in encounter.vehicles if v != vehicle)
+            may_stack = self._may_stack(vehicle, t_ns) and not is_stacked
             route = None
-            if self._may_stack(vehicle, t_ns) and not is_stacked:
+            if may_stack:
                 route = self._stacked.plan_hold(vehicle, flights)
             elif number in self._agents and self._should_give_way(vehicle, number, t_ns):
-                self._agents[vehicle].separation.gave_way_t_ns = t_ns
-                route = self._stacked.plan_clear_circle(vehicle, number, flights)
+                route = self._clear_circle(vehicle, number, flights)
             if route is None:
                 continue
-            heights_msl_m = route_heights_msl_m(route, self._base_msl_m, self._mission)
-            height_m = float(heights_msl_m[-1]) - self._base_msl_m
-            if number in self._agents and self._crosses(vehicle, number, float(heights_msl_m[-1])):
+            end_msl_m = float(route_heights_msl_m(route, self._base_msl_m, self._mission)[-1])
+            if may_stack and number in self._agents and self._crosses(vehicle, number, end_msl_m):
                 continue
             parameters: dict[str, Parameter] = {
                 "other": self._air_traffic.name(number),
-                "height_m": height_m,
+                "height_m": end_msl_m - self._base_msl_m,
             }
             notice = Notice(t_ns, NoticeCode.CHANGES_LAYER, vehicle, parameters)
             sent = self._stacked.send(route, t_ns)
             flights.renew()
             return [notice, *sent]
         return []
+
+    def _clear_circle(self, vehicle: int, other: int, flights: PredictedFlights) -> Route | None:
+        """Search for a circle that is clear of another vehicle, and note the search."""
+        separation = self._agents[vehicle].separation
+        route = self._stacked.plan_clear_circle(vehicle, other, separation.circle_searches, flights)
+        separation.circle_searched_t_ns = flights.t_ns
+        separation.circle_searches = 0 if route is not None else separation.circle_searches + 1
+        return route
 
     def _height_m(self, vehicle: int) -> float:
         """Return the height of a vehicle above sea level."""
@@ -360,7 +367,7 @@ class Avoidances:
         """Return True if a vehicle circles at its target, and another one flies what we could not change."""
         is_circling = self._agents[vehicle].flight.phase is FlightPhase.AT_TARGET
         is_at_target = is_circling and self._stays_at_target(vehicle) and self._may_hold(vehicle)
-        is_due = t_ns - self._agents[vehicle].separation.gave_way_t_ns >= _GIVE_WAY_AGAIN_NS
+        is_due = t_ns - self._agents[vehicle].separation.circle_searched_t_ns >= _GIVE_WAY_AGAIN_NS
         return is_at_target and is_due and not self._is_steered(other)
 
     def _is_steered(self, vehicle: int) -> bool:

@@ -60,8 +60,10 @@ class AgentSeparation:
     traffic_t_ns: int = 0
     """Time of that check."""
     avoidance: Avoidance | None = None
-    gave_way_t_ns: int = 0
+    circle_searched_t_ns: int = 0
     """Time of the last search for a circle clear of a vehicle that is not steered; 0 before that."""
+    circle_searches: int = 0
+    """Number of such searches that found none, since the last that did."""
     waits_since_t_ns: int | None = None
     """Begin of the wait of its queued mission; None if it need not wait."""
 

@@ -11,6 +11,8 @@ from helpers.sky import FIELD, LANDING, Sky, fly_on, give, place, with_one_home
 from helpers.staging import S
 
 from gcs.core.operator.order_refusals import OrderRefusals
+from gcs.core.replanning import stacked_missions
+from gcs.core.separation.order_check import OrderCheck
 from gcs.model import FlightPhase, NoFlyZone, NoticeCode, Order, Route, VerticalLimits, read_only
 from gcs.model.vehicle_ids import home_label
 from sim_vehicles.autopilots.autopilot_traits import Mode
@@ -393,13 +395,13 @@ def test_of_two_that_circle_at_one_height_one_that_somebody_else_set_to_loiter_i
     assert one.autopilot.mode is Mode.LOITER
 
 
-def at_target(px4=()):
-    """One that circles at its target, and one at the south of the map, high above it."""
+def at_target(px4=(), terrain="", begin_m=(200.0, 200.0)):
+    """One that circles at its target, and one that begins at a place, high above it."""
     field = FIELD.replace("= 2900.0\nnorth_m = 2900.0", "= 1500.0\nnorth_m = 1500.0")
     field = field.replace(
         "S = 1.0", "S = 1.0, RTL_ALTITUDE = 60.0, RTL_RETURN_ALT = 60.0, RTL_DESCEND_ALT = 60.0"
     )
-    sky = Sky((1500.0, 1150.0, 60.0), (200.0, 200.0, 200.0), field=field, px4=px4)
+    sky = Sky((1500.0, 1150.0, 60.0), (*begin_m, 200.0), field=field + terrain, px4=px4)
     agent = sky.run_.engine.state.agents[1]
     while agent.flight.phase is not FlightPhase.AT_TARGET or agent.perception.status.status != "arrived":
         fly_on(sky, 1.0)
@@ -430,6 +432,46 @@ def test_one_that_circles_at_its_target_makes_way_for_one_that_a_failsafe_return
     fly_on(sky, 60.0)
     assert len(sky.told(NoticeCode.CHANGES_LAYER)) > 1
     assert not sky.near_s
+
+
+@lru_cache
+def at_target_over_terrain():
+    """One that circles at its target, and one that a failsafe returns through that circle."""
+    ground = elevation_of(hill(2300.0, 700.0, 60.0, 200.0, 70.0), 3000.0)
+    sky = at_target(terrain=terrain_table(ground), begin_m=(1520.0, 2600.0))
+    place(sky.planes[2], 1520.0, 1080.0, sky.planes[1].alt_rel_m)
+    sky.planes[2].autopilot.set_mode(Mode.RTL)
+    return sky
+
+
+def test_one_that_circles_at_its_target_makes_way_over_terrain():
+    """Before, there it stayed "en route", and never made way."""
+    sky = fly_on(at_target_over_terrain().copy(), 60.0)
+    assert [notice.vehicle for _, notice in sky.told(NoticeCode.CHANGES_LAYER)] == [1]
+    assert not sky.told(NoticeCode.SEPARATION_LOST)
+    agent = sky.run_.engine.state.agents[1]
+    assert agent.perception.status.status == "arrived"
+    assert agent.flight.phase is FlightPhase.AT_TARGET
+
+
+def test_a_search_for_a_clear_circle_over_terrain_looks_at_one_place_a_second(monkeypatch):
+    """Before, at up to four places in one step: 1.4 s on two slow cores."""
+    sky = at_target_over_terrain().copy()
+    plan, looks = stacked_missions.plan_routes, []
+
+    def note(grid, starts, targets, *args, **options):
+        looks.append((sky.run_.t_ns, next(iter(targets.values()))))
+        return plan(grid, starts, targets, *args, **options)
+
+    monkeypatch.setattr(stacked_missions, "plan_routes", note)
+    monkeypatch.setattr(OrderCheck, "stacking_problem", lambda *_, **__: "would come near agent 2")
+    fly_on(sky, 8.0)
+    times = sorted({t_ns for t_ns, _ in looks})
+    assert len(times) > 2
+    assert np.diff(times).min() >= S
+    places = [{place_m for t_ns, place_m in looks if t_ns == at_ns} for at_ns in times]
+    assert all(len(one_look) == 1 for one_look in places)
+    assert len(set.union(*places)) == len(times)
 
 
 def test_with_warnings_only_no_vehicle_that_holds_is_moved():
