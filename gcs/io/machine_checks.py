@@ -5,7 +5,6 @@ Nothing is changed, and nothing is sent. A port is free if it can be bound now.
 
 from __future__ import annotations
 
-import errno
 import grp
 import os
 import platform
@@ -21,6 +20,7 @@ from typing import Final, Literal, TypeAlias
 
 from gcs.config import Config
 from gcs.endpoints import Endpoint
+from gcs.io.links.transport import NOT_HERE, listening_problem
 from gcs.io.links.udp import BUFFER_BYTES
 from gcs.io.recording.folder import versions
 
@@ -32,7 +32,6 @@ _ENOUGH_MB: Final = 2_000.0
 _ENOUGH_CORES: Final = 2
 _ENOUGH_MEMORY_MB: Final = 1_000.0
 _ANSWER_S: Final = 5.0
-_NOT_HERE: Final = "this machine does not have this address"
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +68,7 @@ def check_links(config: Config) -> Iterator[Finding]:
             host, _, port = address.rpartition(":")
             kind: Literal["udp", "tcp"] = "udp" if protocol == "udp" else "tcp"
             found = _port(f"zenoh {endpoint}", kind, host, int(port))
-            if len(nodes) > 1 and found.found == _NOT_HERE:
+            if len(nodes) > 1 and found.found == NOT_HERE:
                 found = Finding(found.check, "ok", "is an address of another machine")
             yield found
 
@@ -183,16 +182,8 @@ def _port(name: str, kind: Literal["udp", "tcp"], host: str, port: int) -> Findi
             if is_tcp:
                 probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind(address)
-    except socket.gaierror as error:
-        return Finding(name, "problem", error.strerror or str(error), "correct the host, or use an address")
     except OSError as error:
-        if error.errno == errno.EADDRNOTAVAIL:
-            remedy = "connect its network (ip address), or correct the address; 0.0.0.0 listens at all"
-            return Finding(name, "problem", _NOT_HERE, remedy)
-        remedy = f"end the program that has it (ss -lp 'sport = :{port}'), or choose another one"
-        if isinstance(error, PermissionError):
-            remedy = "choose a port above 1023"
-        return Finding(name, "problem", error.strerror or str(error), remedy)
+        return Finding(name, "problem", *listening_problem(error, port))
     return Finding(name, "ok", "is free")
 
 

@@ -12,8 +12,7 @@ import socket
 from collections import Counter
 
 from gcs.endpoints import Endpoint
-from gcs.errors import LinkError
-from gcs.io.links.transport import Backoff, ChangedNotices, Listener, refusal
+from gcs.io.links.transport import Backoff, ChangedNotices, Listener, listening_error, refusal
 from gcs.mavlink.frames.codec import scan
 from gcs.mavlink.frames.stream import FrameStream
 from gcs.model import NoticeCode
@@ -151,9 +150,7 @@ class TcpIn:
             self._socket.listen()
         except OSError as error:
             self._socket.close()
-            raise LinkError(
-                str(endpoint), f"cannot listen here ({error}); is another program there? Choose another port"
-            ) from None
+            raise listening_error(endpoint, error) from None
         self.port: int = self._socket.getsockname()[1]
         self.refused = 0
         self._streams: dict[str, _Stream] = {}

@@ -9,6 +9,8 @@ import socket
 from collections.abc import AsyncIterator
 from typing import Final, Protocol
 
+from gcs.endpoints import Endpoint
+from gcs.errors import LinkError
 from gcs.model import NoticeCode, NoticeContent, Parameter
 
 _FIRST_WAIT_S: Final = 0.5
@@ -22,6 +24,27 @@ def refusal(error: OSError | ValueError) -> str:
     if error.errno in (errno.EAGAIN, errno.EBUSY):
         return "another program uses it"
     return os.strerror(error.errno) if error.errno else str(error) or "no answer"
+
+
+NOT_HERE: Final = "this machine does not have this address"
+
+
+def listening_problem(error: OSError, port: int) -> tuple[str, str]:
+    """Return in a few words why a port cannot be opened, and what to do."""
+    if isinstance(error, socket.gaierror):
+        return error.strerror or str(error), "correct the host, or use an address"
+    if error.errno == errno.EADDRNOTAVAIL:
+        return NOT_HERE, "connect its network (ip address), or correct the address; 0.0.0.0 listens at all"
+    if isinstance(error, PermissionError):
+        return refusal(error), "choose a port above 1023"
+    remedy = f"end the program that has it (ss -lp 'sport = :{port}'), or choose another one"
+    return refusal(error), remedy
+
+
+def listening_error(endpoint: Endpoint, error: OSError) -> LinkError:
+    """Return the error of an endpoint of `links.mavlink` or `links.forward` that cannot listen."""
+    problem, remedy = listening_problem(error, endpoint.port)
+    return LinkError(str(endpoint), f"cannot listen here: {problem}; {remedy} (links.mavlink, links.forward)")
 
 
 class Listener(Protocol):

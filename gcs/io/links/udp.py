@@ -7,9 +7,8 @@ import socket
 from collections.abc import Callable
 
 from gcs.endpoints import Endpoint
-from gcs.errors import LinkError
 from gcs.io.links.recvmmsg import SocketReader
-from gcs.io.links.transport import Backoff, ChangedNotices, Listener, refusal
+from gcs.io.links.transport import Backoff, ChangedNotices, Listener, listening_error, refusal
 from gcs.model import NoticeCode
 
 BUFFER_BYTES = 4 * 1024 * 1024
@@ -30,11 +29,7 @@ class UdpIn:
             self._socket.bind((endpoint.host, endpoint.port))
         except OSError as error:
             self._socket.close()
-            raise LinkError(
-                str(endpoint),
-                f"cannot listen here ({error}); is another ground station running? "
-                "Choose another port in links.mavlink or links.forward",
-            ) from None
+            raise listening_error(endpoint, error) from None
         self.port: int = self._socket.getsockname()[1]
         self.refused = 0
         self._reader: SocketReader | None = None

@@ -219,7 +219,18 @@ def test_another_station_sees_vehicles_and_targets_and_its_word_reaches_one_vehi
 def test_a_port_that_is_taken_is_named_and_the_others_are_let_go():
     first = opened(link("udpin:127.0.0.1:0"))
     port = free_port(socket.SOCK_STREAM)
-    with pytest.raises(LinkError, match="cannot listen here"):
+    with pytest.raises(LinkError, match="Address already in use; end the program that has it"):
         opened(link(f"tcpin:127.0.0.1:{port}"), link(f"udpin:127.0.0.1:{first.port}"))
     opened(link(f"tcpin:127.0.0.1:{port}")).close()
     first.close()
+
+
+@pytest.mark.parametrize("kind", ["udpin", "tcpin"])
+@pytest.mark.parametrize(
+    ("host", "problem"),
+    [("192.0.2.1", "this machine does not have this address"), ("no-such-host.invalid", "correct the host")],
+)
+def test_an_address_of_another_machine_is_no_other_ground_station(kind, host, problem):
+    """Before, "is another ground station running?"."""
+    with pytest.raises(LinkError, match=problem):
+        opened(link(f"{kind}:{host}:{free_port(socket.SOCK_STREAM)}"))
