@@ -434,6 +434,30 @@ def test_one_that_circles_at_its_target_makes_way_for_one_that_a_failsafe_return
     assert not sky.near_s
 
 
+@pytest.mark.parametrize("px4", [(), (1, 2)])
+def test_a_radio_that_fails_in_the_upload_for_a_vehicle_that_makes_way_leaves_it_on_one_whole_mission(px4):
+    sky = at_target(px4, begin_m=(1500.0, 2600.0))
+    one, other = sky.planes[1], sky.planes[2]
+    place(other, 1500.0, 1000.0, one.alt_rel_m)
+    other.autopilot.set_mode(Mode.RTL)
+    for _ in range(100):
+        fly_on(sky, 0.4)
+        if sky.told(NoticeCode.CHANGES_LAYER):
+            break
+    tasking = sky.run_.engine.state.tasking
+    assert tasking.is_uploading(1)
+    one.autopilot.faults.begin(FaultKind.RADIO, sky.run_.t_ns)
+    fly_on(sky, 3.0)
+    assert tasking.is_uploading(1)
+    one.autopilot.faults.end(FaultKind.RADIO)
+    fly_on(sky, 40.0)
+    assert not sky.near_s
+    agent = sky.run_.engine.state.agents[1]
+    assert agent.tasking.onboard.route.is_same(agent.routes.stacked)
+    assert one.autopilot.mode is Mode.AUTO
+    assert agent.perception.status.status == "arrived"
+
+
 @lru_cache
 def at_target_over_terrain():
     """One that circles at its target, and one that a failsafe returns through that circle."""
