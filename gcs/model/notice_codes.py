@@ -1495,9 +1495,16 @@ class NoticeCode(TableCode):
     BRIDGE_LATE = _link(
         "bridge-late",
         _W,
-        "{missed} messages were lost, and {late} datagrams were ignored: they came more than 1 s late",
+        "{late} datagrams were ignored: they came more than 1 s late",
         "reports of vehicles are missing; a late one does not show how a vehicle flies now",
         "check the load of this machine, and the network between it and the bridge",
+    )
+    BRIDGE_LOSSES = _link(
+        "bridge-losses",
+        _W,
+        "{missed} messages from it were lost; each has the reports of some milliseconds",
+        "reports of vehicles are missing",
+        "check the network between this machine and the bridge, and the load of both",
     )
     BRIDGE_ENDED = _link(
         "bridge-ended",

@@ -291,12 +291,12 @@ class BridgeLinks:
         """Return the next notice about the bridge, if any."""
         if ended := self.supervise():
             return ended
-        missed = self._missed
-        self._missed = 0
-        late = self._late
-        self._late = 0
-        if missed or late:
-            return NoticeCode.BRIDGE_LATE, {"missed": missed, "late": late}
+        if late := self._late:
+            self._late = 0
+            return NoticeCode.BRIDGE_LATE, {"late": late}
+        if missed := self._missed:
+            self._missed = 0
+            return NoticeCode.BRIDGE_LOSSES, {"missed": missed}
         return self._writer.notice()
 
     def ground_stations(self, t_ns: int) -> dict[str, list[str]]:  # noqa: ARG002
