@@ -63,14 +63,19 @@ def check_links(config: Config) -> Iterator[Finding]:
     links = config.links
     if links.zenoh_role == "listen":
         nodes = [links.zenoh, *filter(None, [links.standby]), *(one.zenoh for one in links.bridges)]
+        elsewhere = 0
         for endpoint in nodes:
             protocol, _, address = endpoint.partition("/")
             host, _, port = address.rpartition(":")
             kind: Literal["udp", "tcp"] = "udp" if protocol == "udp" else "tcp"
             found = _port(f"zenoh {endpoint}", kind, host, int(port))
             if len(nodes) > 1 and found.found == NOT_HERE:
+                elsewhere += 1
                 found = Finding(found.check, "ok", "is an address of another machine")
             yield found
+        if elsewhere == len(nodes):
+            remedy = "connect its network (ip address), or correct links.zenoh, links.standby or links.bridges"
+            yield Finding("zenoh", "problem", "no endpoint has an address of this machine", remedy)
 
 
 def _versions() -> Finding:

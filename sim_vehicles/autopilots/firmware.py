@@ -22,6 +22,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.errors import SimulationError
 from gcs.geo import LocalFrame
+from gcs.mavlink.fleet.statustext import TextChunks
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.autopilot_traits import TRAITS, Mode
 from sim_vehicles.vehicle.faults import FaultKind
@@ -208,6 +209,7 @@ class Launch:
         self.stage = Stage.WAITING
         self.last_status = ""
         """The vehicle's last STATUSTEXT, for the error of a failed launch."""
+        self._texts = TextChunks()
         self._spec = spec
         self._frame = frame
         self._traits = TRAITS[spec.autopilot]
@@ -229,7 +231,7 @@ class Launch:
                 healthy = message.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK
                 self._is_ready = bool(healthy)
             case "STATUSTEXT":
-                self.last_status = str(message.text)
+                self.last_status = [self.last_status, *self._texts.add_chunk(message)][-1]
             case "GLOBAL_POSITION_INT":
                 self._on_position(message)
 

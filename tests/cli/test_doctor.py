@@ -103,6 +103,16 @@ zenoh = "tls/192.0.2.5:7449"
     }
 
 
+def test_a_machine_that_has_none_of_the_addresses_of_the_nodes_is_told():
+    """Before, all was well."""
+    links = """
+zenoh = "tls/192.0.2.6:7447"
+standby = "tls/192.0.2.7:7447"
+zenoh_tls = "keys"
+"""
+    assert levels(links)["zenoh"].level == "problem"
+
+
 def test_an_unset_clock_is_a_problem(tmp_path, monkeypatch):
     assert machine(tmp_path)["clock"].level != "problem"
     monkeypatch.setattr(time, "time", lambda: 86_400.0)

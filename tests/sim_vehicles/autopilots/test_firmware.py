@@ -92,7 +92,7 @@ def test_a_launch_ends_in_loiter_above_the_start() -> None:
     t_ns = 0
     while launch.stage is not Stage.DONE:
         t_ns += NS_PER_S // 10
-        assert t_ns < 200 * NS_PER_S, (launch.stage, launch.said)
+        assert t_ns < 200 * NS_PER_S, (launch.stage, launch.last_status)
         for data in vehicle.datagrams_to_send(t_ns):
             for message in reader.messages(data):
                 launch.receive(message)
@@ -103,6 +103,15 @@ def test_a_launch_ends_in_loiter_above_the_start() -> None:
     assert vehicle.alt_rel_m == pytest.approx(100.0, abs=11.0)
     assert (vehicle.east_m - 120.0) ** 2 + (vehicle.north_m - 720.0) ** 2 < 300.0**2
     assert vehicle.autopilot.mode.name == "LOITER"
+
+
+def test_a_status_text_in_chunks_is_whole_in_the_error_of_a_launch() -> None:
+    """Before, the error had the last chunk alone."""
+    launch = Launch(replace(SPEC, autopilot="px4"), FRAME)
+    text = b"Preflight Fail: the compass is not calibrated and the gyro neither"
+    for number, chunk in enumerate((text[:50], text[50:])):
+        launch.receive(mavlink.MAVLink_statustext_message(3, chunk, 7, number))
+    assert launch.last_status == text.decode()
 
 
 @pytest.mark.parametrize(("autopilot", "asked"), [("ardupilot", 164), ("px4", 115)])
