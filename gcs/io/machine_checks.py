@@ -74,7 +74,9 @@ def check_links(config: Config) -> Iterator[Finding]:
                 found = Finding(found.check, "ok", "is an address of another machine")
             yield found
         if elsewhere == len(nodes):
-            remedy = "connect its network (ip address), or correct links.zenoh, links.standby or links.bridges"
+            remedy = (
+                "connect its network (ip address), or correct links.zenoh, links.standby or links.bridges"
+            )
             yield Finding("zenoh", "problem", "no endpoint has an address of this machine", remedy)
 
 
