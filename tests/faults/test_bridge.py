@@ -160,8 +160,8 @@ def test_a_bridge_that_ends_is_started_again_with_an_alarm(
     bridge.send_signal(end)
     (alarm, *_) = flight.run.until_told("flown", NoticeCode.BRIDGE_ENDED)
     assert alarm.parameters["cause"] == cause
-    time.sleep(8.0)
-    assert max(flight.tap.gaps_s(begin_s, time.monotonic())) < 5.0  # before ArduPlane's FS_LONG_TIMEOUT
+    time.sleep(5.0)
+    assert max(flight.tap.gaps_s(begin_s, time.monotonic())) < 3.0
     (new,) = bridges(tmp_path)
     assert new != bridge
     service.send_signal(signal.SIGINT)

@@ -127,8 +127,8 @@ class StackedMissions:
         other : int
             Vehicle that comes near. Places away from it come first.
         search : int
-            Number of earlier searches. Over terrain, where routes take longer to plan, each looks at one
-            place, and the next one at the next place.
+            Number of the search. Over terrain, where routes take longer to plan, each looks at one place, and
+            the next one at the next place.
         """
         onboard = self._agents[vehicle].tasking.onboard
         if onboard is None or not {vehicle, other} <= flights.states.keys():

@@ -76,6 +76,8 @@ _MAX_HOLD_NS: Final = ns(60.0)
 _PERIOD_NS: Final = ns(1.0)
 _GIVE_WAY_AGAIN_NS: Final = ns(1.0)
 """Time to the next search for a circle that is clear of a vehicle."""
+_MAX_SEARCH_GAP_NS: Final = ns(5.0)
+"""Time after which a search begins anew at the first place."""
 _STEERED: Final = frozenset({Authority.OURS, Authority.RETURNING, Authority.HELD})
 """Authority over vehicles that fly, or hold, as this service ordered."""
 _CONTROLS: Final = frozenset({Authority.OURS, Authority.RETURNING})
@@ -148,10 +150,10 @@ class Avoidances:
     def _clear_circle(self, vehicle: int, other: int, flights: PredictedFlights) -> Route | None:
         """Search for a circle that is clear of another vehicle, and note the search."""
         separation = self._agents[vehicle].separation
-        route = self._stacked.plan_clear_circle(vehicle, other, separation.circle_searches, flights)
+        goes_on = flights.t_ns - separation.circle_searched_t_ns <= _MAX_SEARCH_GAP_NS
+        separation.circle_search = separation.circle_search + 1 if goes_on else 0
         separation.circle_searched_t_ns = flights.t_ns
-        separation.circle_searches = 0 if route is not None else separation.circle_searches + 1
-        return route
+        return self._stacked.plan_clear_circle(vehicle, other, separation.circle_search, flights)
 
     def _height_m(self, vehicle: int) -> float:
         """Return the height of a vehicle above sea level."""

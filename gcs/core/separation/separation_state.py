@@ -62,8 +62,8 @@ class AgentSeparation:
     avoidance: Avoidance | None = None
     circle_searched_t_ns: int = 0
     """Time of the last search for a circle clear of a vehicle that is not steered; 0 before that."""
-    circle_searches: int = 0
-    """Number of such searches that found none, since the last that did."""
+    circle_search: int = 0
+    """Number of that search, from 0 in each encounter."""
     waits_since_t_ns: int | None = None
     """Begin of the wait of its queued mission; None if it need not wait."""
 

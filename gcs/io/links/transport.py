@@ -34,7 +34,7 @@ def listening_problem(error: OSError, port: int) -> tuple[str, str]:
     if isinstance(error, socket.gaierror):
         return error.strerror or str(error), "correct the host, or use an address"
     if error.errno == errno.EADDRNOTAVAIL:
-        return NOT_HERE, "connect its network (ip address), or correct the address; 0.0.0.0 listens at all"
+        return NOT_HERE, "connect its network (ip address), or correct the address; 0.0.0.0 listens on all"
     if isinstance(error, PermissionError):
         return refusal(error), "choose a port above 1023"
     remedy = f"end the program that has it (ss -lp 'sport = :{port}'), or choose another one"
