@@ -103,6 +103,11 @@ class AgentAirframe:
         return (self.speed_m_s + self.wind_m_s) ** 2 / (_G_M_S2 * math.tan(math.radians(self.bank_deg)))
 
     @property
+    def still_air_radius_m(self) -> float:
+        """Radius of a level turn in still air: V^2 / (g tan bank)."""
+        return self.speed_m_s**2 / (_G_M_S2 * math.tan(math.radians(self.bank_deg)))
+
+    @property
     def circle_radius_m(self) -> float:
         """Greatest radius of the flown loiter circle: in thin air ArduPlane widens it, PX4 does not."""
         widest_m = self.loiter_radius_m / self.air_density or UNKNOWN_LOITER_RADIUS_M

@@ -17,9 +17,9 @@ Reading order:
 5. `path`: from grid path to flyable route. Shortcuts, string pulling over tangent points, corner
    smoothing and splitting, turns, initial turn, Dubins paths.
 6. `route_search`: paths of one agent to one target, all of the above. `pair_route`: its route with loiter.
-7. `forward_simulation`: future flight of a vehicle. `flight_variants`, `routes_in_wind`: its flights in wind,
-   and routes that keep their clearance in them. `route_joining`, `route_progress`: joining and following
-   a route.
+7. `wind_triangle`, `forward_simulation`: future flight of a vehicle. `flight_variants`, `routes_in_wind`:
+   its flights in wind, and routes that keep their clearance in them. `route_joining`, `route_progress`:
+   joining and following a route.
 8. `manoeuvres`: climb after take-off, terminal loiter, return route and landing.
 9. `layer_assignment`: altitude layers.
 """

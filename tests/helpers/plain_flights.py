@@ -16,7 +16,7 @@ def fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray,
     east, north, height, speed, course, climb, turn_rate, max_rate, age, gradient, error_m = columns[:11]
     wind_east, wind_north, airspeed, delay = columns[11:]
     is_windy = bool(wind_east.any() or wind_north.any())
-    ahead = np.maximum(speed - wind_east * np.sin(course) - wind_north * np.cos(course), f._LOW_SPEED_M_S)
+    ahead = np.maximum(speed - wind_east * np.sin(course) - wind_north * np.cos(course), f.LOW_SPEED_M_S)
     lateral = turn_rate * speed / ahead  # by airspeed
     low = height - error_m
     high = height + error_m
@@ -126,4 +126,4 @@ def _over_ground(
     across = wind_east * cosine - wind_north * sine
     ahead: FloatArray = np.sqrt(np.maximum(airspeed * airspeed - across * across, 0.0))
     along = wind_east * sine + wind_north * cosine
-    return np.maximum(along + ahead, f._LOW_SPEED_M_S), ahead
+    return np.maximum(along + ahead, f.LOW_SPEED_M_S), ahead

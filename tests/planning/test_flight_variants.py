@@ -12,7 +12,15 @@ from gcs.core.tasking.mission_builder import corners_of, mission_ahead
 from gcs.geo import LocalFrame
 from gcs.model import Route, read_only
 from gcs.planning.flight_variants import flight_variants
-from gcs.planning.forward_simulation import HEADING_S, L1_S, LoiterCircle, Motion, RemainingMission, simulate
+from gcs.planning.forward_simulation import (
+    HEADING_S,
+    L1_S,
+    LoiterCircle,
+    Motion,
+    RemainingMission,
+    predict_motion,
+    simulate,
+)
 from gcs.planning.mission_flight import NOWHERE
 from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.autopilots.mission_protocol import Item
@@ -97,6 +105,26 @@ def test_what_is_flown_in_wind_is_among_the_simulated_flights(
     )
     assert len(way_m) > 300
     assert KDTree(between_m).query(way_m)[0].max() < 8.0
+
+
+@pytest.mark.parametrize("turn_deg", [-100, 60])
+@pytest.mark.parametrize("towards_deg", [20.0, 110.0, 200.0, 290.0])
+def test_a_route_starts_where_its_vehicle_will_be_after_a_turn_in_strong_wind(towards_deg, turn_deg):
+    """Over Davos a route began 36 m beside its vehicle, which then flew 11 m too low over a slope."""
+    angle = math.radians(towards_deg)
+    wind_m_s = (8.0 * math.sin(angle), 8.0 * math.cos(angle))
+    airframe = AgentAirframe(SPEED_M_S, 35.0, 1.0, 8.0, 20.0, 30.0, 10.0, 80.0, "loiter")
+    points_m = corners((turn_deg, -turn_deg, 60), 300.0)
+    ahead = mission_ahead(Route(1, (0, 0), points_m, 1.0), (0.0, 0.0), airframe)
+    way_m = flown(points_m, ahead.radii_m, "banked", wind_m_s)
+    to_corner_m = np.hypot(*(way_m - ahead.points_m[0]).T)
+    begin = int(np.argmax(to_corner_m < ahead.radii_m[0] + 25.0))
+    east_m_s, north_m_s = (way_m[begin] - way_m[begin - 1]) / 0.1
+    speed_m_s = math.hypot(east_m_s, north_m_s)
+    motion = Motion(*way_m[begin].tolist(), speed_m_s, math.atan2(east_m_s, north_m_s), ahead=ahead)
+    there = predict_motion(NOWHERE, motion, 4.5, 1.0, wind_m_s, airframe.still_air_radius_m)
+    assert math.dist(there.place_m, way_m[begin + 45]) < 6.0
+    assert there.speed_m_s == pytest.approx(10.0 * math.dist(way_m[begin + 45], way_m[begin + 44]), abs=1.5)
 
 
 @pytest.mark.parametrize("towards_deg", [20.0, 110.0, 200.0, 290.0])

@@ -24,18 +24,18 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.config import Config
 from gcs.config.airframe import UNKNOWN_LOITER_RADIUS_M
 from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.core.separation.forward_flight import airspeed_m_s, plausible_wind_m_s
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.fence import Area, held_areas
 from gcs.mavlink.mission.items import Item
 from gcs.model import BoolArray, FloatArray, IntArray, VehicleState
 from gcs.planning.flown_heights import lowest_heights_m
-from gcs.planning.forward_simulation import LoiterCircle, Motion, RemainingMission, simulate
+from gcs.planning.forward_simulation import LoiterCircle, Motion, RemainingMission, predict_motion
 from gcs.planning.map.grid import Grid, Point, free_grid_like
 from gcs.planning.map.limited_area import blocked_by
 from gcs.planning.mission_flight import NOWHERE, simulate_mission
 from gcs.planning.terrain.flown_route import FlightModel
 from gcs.planning.terrain.ground import keeps_above_landing
+from gcs.planning.wind_triangle import airspeed_m_s, plausible_wind_m_s
 
 _ROUNDING_M: Final = 1.0
 _PLACE_ROUNDING_M: Final = 0.02
@@ -121,10 +121,13 @@ class MissionBoundsCheck:
         if not items:
             return None
         airframe = self._airframes[vehicle]
-        over_ground = motion.speed_m_s, motion.course_rad
-        wind_m_s = plausible_wind_m_s(reported_wind_m_s, *over_ground, airframe.speed_m_s)
-        begin = simulate(NOWHERE, motion, upload_s, airframe.turn_lag_s).motion_at(-1)
-        begin = replace(begin, speed_m_s=airspeed_m_s(*over_ground, wind_m_s))
+        wind_m_s = plausible_wind_m_s(
+            reported_wind_m_s, motion.speed_m_s, motion.course_rad, airframe.speed_m_s
+        )
+        begin = predict_motion(
+            NOWHERE, motion, upload_s, airframe.turn_lag_s, wind_m_s, airframe.still_air_radius_m
+        )
+        begin = replace(begin, speed_m_s=airspeed_m_s(begin.speed_m_s, begin.course_rad, wind_m_s))
         flown_m, parts = self._flight(items, vehicle, begin, wind_m_s)
         points_m = np.vstack((begin.place_m, self._places_m(items)))
         heights_msl_m = _heights_msl_m(items, height_msl_m, home_msl_m)

@@ -12,7 +12,6 @@ from gcs.config import Config
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.plan_targets import place_of
 from gcs.core.replanning.replanning_state import OtherVehicle, ReplanningState
-from gcs.core.separation.forward_flight import plausible_wind_m_s
 from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import flown_points
 from gcs.model import FloatArray, Route, VehicleState
@@ -20,6 +19,7 @@ from gcs.planning.layer_assignment import Conflict, PlannedFlight, assign_layers
 from gcs.planning.map.grid import Point
 from gcs.planning.planner_inputs import MissionInputs
 from gcs.planning.route_progress import remaining_m
+from gcs.planning.wind_triangle import plausible_wind_m_s
 
 _SOON_S = 120.0
 """A vehicle that is met later is no reason for another layer yet."""

@@ -66,6 +66,7 @@ class RouteStarts:
         self.plan_targets = PlanTargets(config)
         self.layers = AltitudeLayers(config, self.mission, agents, state)
         self._turn_lags_s = {v: one.turn_lag_s for v, one in vehicle_options(config).items()}
+        self._radii_m = {v: one.still_air_radius_m for v, one in config.airframes_of_agents.items()}
         self._lag_s = min(self._turn_lags_s.values())
         self._ahead_s = DELIVERY_S + 0.5 * self._lag_s
 
@@ -153,10 +154,12 @@ class RouteStarts:
     def _expected(self, vehicle: int, inputs: PlanningInputs, more_s: float) -> Motion:
         """Return an agent's motion `more_s` after it got a route that is planned now, or after its climb."""
         lag_s = self._turn_lags_s[vehicle]
+        motion = inputs.motion(vehicle)
         if vehicle in inputs.climbs:
-            return predict_motion(self._zones.grid, inputs.motion(vehicle), more_s, lag_s)
+            return predict_motion(self._zones.grid, motion, more_s, lag_s)
         ahead_s = self.delivery_s(vehicle, inputs) + more_s
-        return predict_motion(self._zones.grid, inputs.motion(vehicle), ahead_s, lag_s)
+        wind_m_s = self.layers.wind_m_s(vehicle)
+        return predict_motion(self._zones.grid, motion, ahead_s, lag_s, wind_m_s, self._radii_m[vehicle])
 
     def delivery_s(self, vehicle: int, inputs: PlanningInputs) -> float:
         """Return the time until an agent in flight gets a route that is planned now."""

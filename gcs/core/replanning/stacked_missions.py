@@ -288,14 +288,15 @@ class StackedMissions:
         motion = self._tasking.motion(state, t_ns)
         lag_s = 0.0 if agent.options is None else agent.options.turn_lag_s
         delivery_s = DELIVERY_S + late_s(self._agents[vehicle].tasking)
-        turns = predict_motion(self._zones.grid, motion, delivery_s + 0.5 * lag_s, lag_s)
+        in_air = self._layers.wind_m_s(vehicle), self._airframes[vehicle].still_air_radius_m
+        turns = predict_motion(self._zones.grid, motion, delivery_s + 0.5 * lag_s, lag_s, *in_air)
         east_m, north_m = turns.place_m
         return replace(
             agent,
             east_m=east_m,
             north_m=north_m,
             course_rad=turns.course_rad,
-            motion=predict_motion(self._zones.grid, motion, delivery_s, lag_s),
+            motion=predict_motion(self._zones.grid, motion, delivery_s, lag_s, *in_air),
             height_msl_m=begin_height_msl_m(state, delivery_s),
         )
 

@@ -5,9 +5,9 @@ straight, or follows a vector field round a circle. At distance d from the centr
 desired course is the tangent, turned inwards by ``atan((d - R) / (v tau))`` (`CONVERGENCE_S`). A vehicle
 without a goal keeps its turn rate.
 
-Autopilots follow legs and circles over ground and keep their airspeed V. So in a wind w the speed over ground
-on a course with the unit vector c is ``w . c + sqrt(V^2 - (w x c)^2)``. L1 guidance banks more the faster a
-vehicle is over ground: the greatest turn rate stays. A vehicle without a goal keeps its bank instead.
+Autopilots follow legs and circles over ground and keep their airspeed (`gcs.planning.wind_triangle`). L1
+guidance banks more the faster a vehicle is over ground: the greatest turn rate stays. A vehicle without a
+goal keeps its bank instead.
 
 A height is a band. Autopilots change heights at once or evenly along a leg, and the band has both. Along a
 leg a height changes as far as the vehicle comes nearer to its end: while it turns round it stays. Vertical
@@ -30,6 +30,7 @@ import numpy as np
 from gcs.geo import wrap_pi
 from gcs.jit import Call, kernel, spliced
 from gcs.model import FloatArray, IntArray
+from gcs.planning.wind_triangle import LOW_SPEED_M_S, airspeed_m_s, leg_time_s, over_ground
 
 STEP_S: Final = 1.0
 CONVERGENCE_S: Final = 1.5
@@ -42,10 +43,6 @@ _SINKS_M_S: Final = 1.0
 """A descent to a circle that has begun goes on as fast, or faster."""
 _MAX_CLIMB_M_S: Final = 7.5
 """Greatest vertical speed of a change of height."""
-_LOW_SPEED_M_S: Final = 1.0
-_LEAST_AIRSPEED: Final = 0.5
-_GREATEST_AIRSPEED: Final = 2.0
-"""Airspeeds, by the cruising speed, between which an estimate of the wind is plausible."""
 _ROUNDING_M: Final = 1e-3
 """More than rounding adds to a simulated way."""
 _CLIMB_LAG_S: Final = 3.0
@@ -146,7 +143,7 @@ class Flight:
         """Return the time of a straight leg, east and north, and of a way round circles."""
         wind_m_s = math.hypot(*self.wind_m_s)
         airspeed = self.airspeed_m_s
-        around = max(airspeed - wind_m_s * wind_m_s / airspeed, _LOW_SPEED_M_S)
+        around = max(airspeed - wind_m_s * wind_m_s / airspeed, LOW_SPEED_M_S)
         return leg_time_s(leg_m, airspeed, self.wind_m_s) + circle_m / around
 
     @property
@@ -164,7 +161,7 @@ class Flight:
 
     def reach_m(self, for_s: float) -> float:
         """Return an upper bound of the distance from its place after some time."""
-        speed_m_s = max(self.speed_m_s, _LOW_SPEED_M_S)
+        speed_m_s = max(self.speed_m_s, LOW_SPEED_M_S)
         if self.wind_m_s != (0.0, 0.0):
             speed_m_s = airspeed_m_s(speed_m_s, self.course_rad, self.wind_m_s) + math.hypot(*self.wind_m_s)
         return speed_m_s * (for_s + self.age_s) + _ROUNDING_M
@@ -208,37 +205,6 @@ class FlightPaths:
         return self.east_m, self.north_m, self.low_m, self.high_m
 
 
-def airspeed_m_s(speed_m_s: float, course_rad: float, wind_m_s: tuple[float, float]) -> float:
-    """Return the airspeed of a vehicle with a speed and a course over ground."""
-    east, north = wind_m_s
-    along = east * math.sin(course_rad) + north * math.cos(course_rad)
-    squared = speed_m_s * (speed_m_s - 2.0 * along) + east * east + north * north
-    return max(math.sqrt(max(squared, 0.0)), _LOW_SPEED_M_S)
-
-
-def plausible_wind_m_s(
-    reported_m_s: tuple[float, float] | None, speed_m_s: float, course_rad: float, cruise_m_s: float
-) -> tuple[float, float]:
-    """Return the wind that a vehicle reports; none where its airspeed would be no such aeroplane's.
-
-    Parameters
-    ----------
-    speed_m_s, course_rad : float
-        Speed over ground and course.
-    cruise_m_s : float
-        Airspeed at which it cruises.
-    """
-    wind_m_s = reported_m_s or (0.0, 0.0)
-    share = airspeed_m_s(speed_m_s, course_rad, wind_m_s) / cruise_m_s
-    return wind_m_s if _LEAST_AIRSPEED < share < _GREATEST_AIRSPEED else (0.0, 0.0)
-
-
-def leg_time_s(leg_m: tuple[float, float], airspeed: float, wind_m_s: tuple[float, float]) -> float:
-    """Return the time of a straight leg, east and north."""
-    along, _ = _over_ground(math.atan2(*leg_m), airspeed, *wind_m_s)
-    return math.hypot(*leg_m) / along
-
-
 def simulate_flights(flights: Sequence[Flight], for_s: float, step_s: float = STEP_S) -> FlightPaths:
     """Return the positions of vehicles for some time ahead; now is the first."""
     n = len(flights)
@@ -256,7 +222,7 @@ def simulate_flights(flights: Sequence[Flight], for_s: float, step_s: float = ST
                 flight.east_m,
                 flight.north_m,
                 flight.height_m,
-                max(flight.speed_m_s, _LOW_SPEED_M_S),
+                max(flight.speed_m_s, LOW_SPEED_M_S),
                 flight.course_rad,
                 flight.climb_m_s,
                 flight.turn_rate_rad_s,
@@ -277,17 +243,7 @@ def simulate_flights(flights: Sequence[Flight], for_s: float, step_s: float = ST
     return FlightPaths(tuple(flight.vehicle for flight in flights), *paths)
 
 
-def _over_ground(course: float, airspeed: float, wind_east: float, wind_north: float) -> tuple[float, float]:
-    """Return the speed over ground on a course, and the part of the airspeed along it."""
-    sine = math.sin(course)
-    cosine = math.cos(course)
-    across = wind_east * cosine - wind_north * sine
-    ahead = math.sqrt(max(airspeed * airspeed - across * across, 0.0))
-    along = wind_east * sine + wind_north * cosine
-    return max(along + ahead, _LOW_SPEED_M_S), ahead
-
-
-_over_ground_in_kernel = spliced(_over_ground)
+_over_ground_in_kernel = spliced(over_ground)
 
 
 @kernel
@@ -311,7 +267,7 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
         airspeed = state[i, 13]
         delay = state[i, 14]
         is_windy = wind_east != 0.0 or wind_north != 0.0
-        ahead = max(speed - wind_east * math.sin(course) - wind_north * math.cos(course), _LOW_SPEED_M_S)
+        ahead = max(speed - wind_east * math.sin(course) - wind_north * math.cos(course), LOW_SPEED_M_S)
         lateral = turn_rate * speed / ahead  # by airspeed
         low = height - state[i, 10]
         high = height + state[i, 10]

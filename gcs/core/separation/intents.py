@@ -32,8 +32,6 @@ from gcs.core.separation.forward_flight import (
     Flight,
     Goal,
     GoalKind,
-    airspeed_m_s,
-    plausible_wind_m_s,
 )
 from gcs.core.separation.separation_state import FirstClimb
 from gcs.core.state import Agent
@@ -44,6 +42,7 @@ from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.mission.items import Item
 from gcs.model import NS_PER_S, Route, VehicleState
+from gcs.planning.wind_triangle import airspeed_m_s, plausible_wind_m_s
 
 _G_M_S2: Final = 9.80665
 _MAX_AGE_S: Final = 10.0

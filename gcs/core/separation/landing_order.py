@@ -26,7 +26,6 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
 from gcs.config.airframe import AgentAirframe
-from gcs.core.separation.forward_flight import leg_time_s, plausible_wind_m_s
 from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.mavlink.autopilots.modes import AUTO
@@ -40,6 +39,7 @@ from gcs.planning.forward_simulation import Motion, RemainingMission
 from gcs.planning.manoeuvres.landing import ReturnRoute
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
+from gcs.planning.wind_triangle import leg_time_s, plausible_wind_m_s
 
 _MARGIN_S: Final = 40.0
 _TOLERANCE_NS: Final = ns(20.0)
