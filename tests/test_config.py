@@ -280,6 +280,7 @@ def test_mistakes_of_places_in_degrees_are_listed_with_all_others() -> None:
     ("text", "result"),
     [
         ('name = "x"\n[frame]\nlat_deg = 47,0\n', "(at line 3, column 13): `lat_deg = 47,0`"),
+        ("name = 1\nname = 2\nx = 3", "the key is there twice (at line 2, column 9): `name = 2`"),
         ('name = "x\n', 'expected a closing quote before the line ends (at line 1, column 10): `name = "x`'),
         ("[frame\n", "Expected ']' at the end of a table declaration (at line 1, column 7): `[frame`"),
         ("a = [1,\n2", "Unclosed array (at end of document): `2`"),

@@ -134,6 +134,7 @@ def decode_toml(text: str, source: str) -> dict[str, Any]:
 def _with_line(problem: str, text: str) -> str:
     """Return a parser's error with the line where parsing ended."""
     problem = problem.replace(r"Illegal character '\n'", "expected a closing quote before the line ends")
+    problem = problem.replace("Cannot overwrite a value", "the key is there twice")
     lines = text.splitlines() or [""]
     where = _POSITION.search(problem)
     number = min(int(where[1]), len(lines)) if where else len(lines)

@@ -117,7 +117,10 @@ def read_node(folder: Path) -> Node:
     now = datetime.now(tz=UTC)
     expires = certificate.not_valid_after_utc
     if now > expires:
-        problem = f"expired on {expires:%Y-%m-%d %H:%M} UTC: `gcs keys node` makes a new one"
+        problem = (
+            f"expired on {expires:%Y-%m-%d %H:%M} UTC: remove its folder and make a new one with "
+            "`gcs keys node`; or is the clock of this machine wrong?"
+        )
         raise ConfigError(str(folder / CERTIFICATE), "", MistakeCode.BAD_CREDENTIALS, problem)
     if now < certificate.not_valid_before_utc:
         start = certificate.not_valid_before_utc
