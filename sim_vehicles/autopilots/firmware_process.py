@@ -259,17 +259,19 @@ class FirmwareHost:
         ports = {self._ground.socket, self._truth_port.socket, self._towards_gcs}
         return sorted(ports, key=lambda one: one.fileno())
 
+    @property
+    def has_ended(self) -> bool:
+        """True once the vehicle is lost, or its firmware has failed."""
+        return self.is_lost or self.has_failed
+
     def work(self, t_ns: int) -> None:
         """Forward waiting datagrams both ways, and end the vehicle when it is lost."""
-        if self.is_lost:
-            return
         if self.process.poll() is not None:
-            if not self.has_failed:
-                self.has_failed = True
-                print_message(
-                    f"vehicle {self.spec.system_id}: the firmware ended with code {self.process.returncode}: "
-                    f"see {self.log_path}"
-                )
+            self.has_failed = True
+            print_message(
+                f"vehicle {self.spec.system_id}: the firmware ended with code {self.process.returncode}: "
+                f"see {self.log_path}"
+            )
             return
         self.beat()
         if self._dies(t_ns):
@@ -397,7 +399,7 @@ class FirmwareHost:
 
 
 def fly(host: FirmwareHost, clock: RunClock) -> None:
-    """Forward datagrams until standard input closes."""
+    """Forward datagrams until the vehicle is lost, or standard input closes; return when that closes."""
     with selectors.DefaultSelector() as selector:
         selector.register(sys.stdin, selectors.EVENT_READ, "stdin")
         for one in host.sockets:
@@ -406,7 +408,11 @@ def fly(host: FirmwareHost, clock: RunClock) -> None:
             for key, _ in selector.select(_NAP_S):
                 if key.data == "stdin" and not os.read(sys.stdin.fileno(), 1024):
                     return
-            host.work(clock.now_ns())
+            if not host.has_ended:
+                host.work(clock.now_ns())
+            elif len(selector.get_map()) > 1:  # what is not read would wake this loop again and again
+                for one in host.sockets:
+                    selector.unregister(one)
 
 
 def main() -> int:

@@ -2,9 +2,11 @@
 
 import json
 import os
+import socket
 import subprocess
 import sys
 import tempfile
+import threading
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -14,6 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.errors import SimulationError
 from gcs.geo import LocalFrame
+from gcs.io.clock import RunClock
 from gcs.io.zenoh.session import free_endpoint
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.firmware import (
@@ -25,6 +28,7 @@ from sim_vehicles.autopilots.firmware import (
     px4_command,
     true_place,
 )
+from sim_vehicles.autopilots.firmware_process import fly
 from sim_vehicles.supervisor import SimulationPlan, Supervisor
 from sim_vehicles.vehicle.frames import FrameReader, Outbox
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
@@ -205,6 +209,33 @@ def test_a_demo_leaves_the_logs_of_the_firmware_beside_the_recording(
         log = run / folder / "arduplane-1" / "firmware.log"
         assert log.read_text() == "three heartbeats of a ground station\n"
         assert f"see {log}" in done.stderr
+
+
+class LostHost:
+    """Host of a vehicle that was lost, to which datagrams still come."""
+
+    def __init__(self, sockets: list[socket.socket]) -> None:
+        self.sockets = sockets
+        self.asked = 0
+
+    @property
+    def has_ended(self) -> bool:
+        self.asked += 1
+        return True
+
+
+def test_what_is_still_sent_to_a_lost_vehicle_costs_no_processor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its process took a whole core until the flight ended, and the others fell behind the clock."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    stdin, writer = os.pipe()
+    monkeypatch.setattr(sys, "stdin", os.fdopen(stdin))
+    theirs.send(b"heartbeat")
+    threading.Timer(0.5, os.close, [writer]).start()
+    host = LostHost([ours])
+    fly(host, RunClock())
+    assert host.asked < 30  # each 50 ms
+    ours.close()
+    theirs.close()
 
 
 def test_only_the_simulations_own_messages_are_the_truth() -> None:
