@@ -19,7 +19,7 @@ import numpy as np
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.separation.aircraft import AirTraffic
-from gcs.core.separation.conflicts import CLEAR, GROWTH_M, Conflicts, nearest_of
+from gcs.core.separation.conflicts import CLEAR, GROWTH_M, Conflict, Conflicts, nearest_of
 from gcs.core.separation.forward_flight import (
     Flight,
     FlightPaths,
@@ -50,6 +50,8 @@ _WORSE: Final = 0.1
 """Share of the minimum distances by which an order must bring a vehicle nearer."""
 _LATER_S: Final = 18.0
 """Time in which a climb leads a vehicle a layer away."""
+_PASSED_S: Final = 5.0
+"""Time in which a vehicle that is near for a moment only has passed."""
 _HOLD_MARGIN: Final = 1.3
 """Multiple of the minimum distance at which a hold is clear of others: predicted turns are off by 20 m."""
 _MISSION_MARGIN: Final = 1.3
@@ -251,20 +253,30 @@ class OrderCheck:
         return problem or self._goes_along(led, present, [*led_away, *begun])
 
     def _goes_along(self, led: Flight, present: Flight, others: list[Flight]) -> str:
-        """Return which vehicle that is near now, and flies away, a mission goes along with; empty if none.
+        """Return which vehicle a mission goes along with that the present flight leaves; empty if none.
 
-        Two that climb from one place at one time stay as near to each other as they are.
+        Two that climb from one place at one time stay as near to each other as they are. One that another
+        passes would follow it, as near as it is passed.
         """
         near = [one for one in others if self._is_near(present, one)]
-        if not near:
-            return ""
-        left = {one.other for one in self._conflicts.met(present, near, is_return=False, from_s=_LATER_S)}
+        passing = [one for one in others if not self._is_near(present, one)]
         along = [
-            one
-            for one in self._conflicts.met(led, near, is_return=False, from_s=_LATER_S)
-            if one.nearness < 1.0 and one.other not in left
+            *self._along(led, present, near, _LATER_S),
+            *self._along(led, present, passing, _PASSED_S),
         ]
         return f"would {min(along).words}" if along else ""
+
+    def _along(self, led: Flight, present: Flight, others: list[Flight], from_s: float) -> list[Conflict]:
+        """Return the conflicts of a mission after some time that the present flight does not have then."""
+        met = [
+            one
+            for one in self._conflicts.met(led, others, is_return=False, from_s=from_s)
+            if one.nearness < 1.0
+        ]
+        if not met:
+            return []
+        kept = {one.other for one in self._conflicts.met(present, others, is_return=False, from_s=from_s)}
+        return [one for one in met if one.other not in kept]
 
     def _is_near(self, own: Flight, other: Flight) -> bool:
         away_m = math.dist((own.east_m, own.north_m), (other.east_m, other.north_m))

@@ -7,6 +7,7 @@ import pytest
 from helpers.sky import Sky, fly_on, place
 
 from gcs.core.separation import mission_traffic
+from gcs.core.separation.forward_flight import Flight, Goal, GoalKind
 from gcs.core.tasking.tasking_state import QueuedRoute
 from gcs.model import NoticeCode, read_only
 from sim_vehicles.autopilots.autopilot_traits import Mode
@@ -83,6 +84,19 @@ def test_a_new_mission_waits_for_one_that_another_vehicle_is_getting(sky):
     check = sky.run_.engine.stages.mission_traffic._order_check
     assert not check.mission_problem(route, {}, sky.run_.t_ns)
     assert "agent 2" in check.mission_problem(route, {2: towards}, sky.run_.t_ns)
+
+
+def test_a_mission_does_not_follow_a_vehicle_that_the_present_circle_leaves(sky):
+    """Near for a moment either way, it was sent: one ArduPlane followed another 52 m behind for 14 s."""
+    check = sky.run_.engine.stages.mission_traffic._order_check
+    apart_m = 1.1 * check._min_m
+    ahead = Goal(GoalKind.WAYPOINT, 0.0, 5000.0, 10.0, 100.0)
+    circle = Goal(GoalKind.CIRCLE, 80.0, 0.0, 80.0, 100.0)
+    other = Flight(2, 0.0, apart_m, 100.0, 17.0, 0.0, 0.0, 0.0, 0.2, (ahead,))
+    present = Flight(1, 0.0, 0.0, 100.0, 20.0, 0.0, 0.0, 0.0, 0.2, (circle,))
+    assert "agent 2" in check._goes_along(replace(present, goals=(ahead,)), present, [other])
+    assert not check._goes_along(present, present, [other])
+    assert not check._goes_along(replace(present, goals=(ahead,)), present, [replace(other, speed_m_s=25.0)])
 
 
 def test_a_mission_that_is_needed_at_once_does_not_wait(sky):
