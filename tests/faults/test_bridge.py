@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,6 +20,7 @@ from gcs.model import NS_PER_S, AgentStatus, Notice, NoticeCode, Resumed, Scan, 
 
 STOPPED_S = 5.0
 MAX_GAP_S = 1.5
+HEARTBEAT_S = 1.0
 """On a busy machine. The bridge sends a heartbeat after 0.35 s without one."""
 FAILOVER_S = 3.0
 JOURNAL_S = 1.0
@@ -75,6 +77,13 @@ def frames_of(folder: Path) -> Iterator[LogFrame]:
 
 def lost(flight: Flight, name: str) -> list[AgentStatus]:
     return [one for one in flight.run.all(name, AgentStatus) if one.status == "lost"]
+
+
+def start_of_a_bridge_s() -> float:
+    """Return how long a bridge's program takes to start on this machine, as busy as it is now."""
+    began_s = time.monotonic()
+    subprocess.run([sys.executable, "-P", "-c", "import gcs.service.bridge_process"], check=True)
+    return time.monotonic() - began_s
 
 
 @pytest.mark.real_time
@@ -161,7 +170,8 @@ def test_a_bridge_that_ends_is_started_again_with_an_alarm(
     (alarm, *_) = flight.run.until_told("flown", NoticeCode.BRIDGE_ENDED)
     assert alarm.parameters["cause"] == cause
     time.sleep(5.0)
-    assert max(flight.tap.gaps_s(begin_s, time.monotonic())) < 3.0
+    gap_s = max(flight.tap.gaps_s(begin_s, time.monotonic()))
+    assert gap_s < HEARTBEAT_S + 0.5 + 1.3 * start_of_a_bridge_s()
     (new,) = bridges(tmp_path)
     assert new != bridge
     service.send_signal(signal.SIGINT)
