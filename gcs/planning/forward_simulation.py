@@ -371,22 +371,25 @@ def predict_motion(
     wind_m_s: Point = (0.0, 0.0),
     turn_radius_m: float = 0.0,
 ) -> Motion:
-    """Return the predicted motion of a vehicle. Where an obstacle is in the way, it is that half-way to it.
+    """Return the predicted motion of a vehicle. If an obstacle is in the way, return that half-way to it.
 
-    In a wind, which autopilots report, L1 is simulated and no turn is tighter than `turn_radius_m` in still
-    air: 4.5 s ahead over Davos in 8 m/s that is wrong by 4 m at 90 %, without wind and L1 by 18 m. A vehicle
-    that reports no wind flies to each waypoint straight.
+    Parameters
+    ----------
+    wind_m_s : tuple of float
+        Velocity of the air that the vehicle reports, east and north. With one, L1 guidance is simulated in
+        this wind. Without one, the vehicle flies straight to each waypoint.
+    turn_radius_m : float
+        Radius of the tightest turn in still air; not used without a wind.
     """
     if wind_m_s == (0.0, 0.0):
-        flight = simulate(grid, motion, ahead_s, lag_s)
-    else:
-        through_air_m_s = airspeed_m_s(motion.speed_m_s, motion.course_rad, wind_m_s)
-        in_air = replace(motion, speed_m_s=through_air_m_s)
-        flight = simulate(grid, in_air, ahead_s, lag_s, 0.0, turn_radius_m, L1_S, wind_m_s)
-    there = flight.motion_at(-1 if flight.is_clear else len(flight.states) // 2)
-    if wind_m_s == (0.0, 0.0):
-        return there
-    return replace(there, speed_m_s=over_ground(there.course_rad, there.speed_m_s, *wind_m_s)[0])
+        return _end(simulate(grid, motion, ahead_s, lag_s))
+    in_air = replace(motion, speed_m_s=airspeed_m_s(motion.speed_m_s, motion.course_rad, wind_m_s))
+    end = _end(simulate(grid, in_air, ahead_s, lag_s, 0.0, turn_radius_m, L1_S, wind_m_s))
+    return replace(end, speed_m_s=over_ground(end.course_rad, end.speed_m_s, *wind_m_s)[0])
+
+
+def _end(flight: SimulatedFlight) -> Motion:
+    return flight.motion_at(-1 if flight.is_clear else len(flight.states) // 2)
 
 
 def warm_up_calls() -> list[Call]:

@@ -121,10 +121,6 @@ def _byte(data: Bytes, begin: int, offset: int, size: int) -> int:
 def _number(data: Bytes, begin: int, offset: int, size: int, width: int) -> int:
     """Return a little-endian unsigned number."""
     value = jit.int64(0)
-    if offset + width <= size:
-        for k in range(width):
-            value |= jit.int64(data[begin + offset + k]) << (8 * k)
-        return value
     for k in range(width):
         value |= _byte(data, begin, offset + k, size) << (8 * k)
     return value

@@ -17,8 +17,8 @@ from gcs.mavlink.frames.fast_scan import CRC_EXTRAS, Bytes, frame_at
 from gcs.model import ByteArray, Int16Array, Int32Array, IntArray
 
 MAX_BYTES: Final = 1400
-_MOST_BYTES: Final = MAX_BYTES // 2
-"""Size of a datagram above which it stays alone: two such do not fit into a batch, and checks cost time."""
+_MAX_GATHERED_BYTES: Final = MAX_BYTES // 2
+"""Size up to which a datagram is batched. Two larger ones do not fit into a batch, and a check costs time."""
 _HASH_SLOTS: Final = 1024
 _NO_GROUP: Final = -1
 
@@ -43,7 +43,7 @@ def _group(
     number = 0
     for i in range(count):
         slot = ((senders[i] >> 16) ^ (senders[i] >> 40)) & (_HASH_SLOTS - 1)
-        clean = lengths[i] <= _MOST_BYTES and _is_clean(slots[i], lengths[i], extras, scratch)
+        clean = lengths[i] <= _MAX_GATHERED_BYTES and _is_clean(slots[i], lengths[i], extras, scratch)
         group = last_group[slot] if clean else _NO_GROUP
         if (
             group == _NO_GROUP

@@ -3,7 +3,7 @@
 One call scans a datagram into the rows of a `FrameTable`, without Python objects. `scan` is the reference:
 same frames, same counters, same bound on false starts.
 
-The checksum is CRC-16/MCRF4XX (https://mavlink.io/en/guide/serialization.html), eight bytes per step. Table k
+The checksum is CRC-16/MCRF4XX (https://mavlink.io/en/guide/serialization.html), four bytes per step. Table k
 holds a byte's effect on the checksum when k more zero bytes follow.
 
 Message ids and CRC_EXTRA are arguments of the kernel: numba's cache does not notice a new pymavlink.
@@ -38,13 +38,13 @@ _MIN_FRAME_BYTES: Final = 8
 
 
 def _crc_steps() -> Int32Array:
-    steps = np.zeros((8, 256), np.int32)
+    steps = np.zeros((4, 256), np.int32)
     for byte in range(256):
         crc = byte
         for _ in range(8):
             crc = (crc >> 1) ^ (0x8408 if crc & 1 else 0)
         steps[0, byte] = crc
-    for k in range(1, 8):
+    for k in range(1, 4):
         steps[k] = (steps[k - 1] >> 8) ^ steps[0, steps[k - 1] & 0xFF]
     return steps
 
@@ -81,20 +81,7 @@ def _crc(data: Bytes, begin: int, end: int, extra: int) -> int:
     """Return the checksum of `data[begin:end]` and the CRC_EXTRA byte."""
     crc = jit.int64(0xFFFF)
     at = begin
-    while at + 8 <= end:
-        crc ^= _uint16(data, at)
-        crc = (
-            CRC_TABLES[7, crc & 0xFF]
-            ^ CRC_TABLES[6, crc >> 8]
-            ^ CRC_TABLES[5, data[at + 2]]
-            ^ CRC_TABLES[4, data[at + 3]]
-            ^ CRC_TABLES[3, data[at + 4]]
-            ^ CRC_TABLES[2, data[at + 5]]
-            ^ CRC_TABLES[1, data[at + 6]]
-            ^ CRC_TABLES[0, data[at + 7]]
-        )
-        at += 8
-    if at + 4 <= end:
+    while at + 4 <= end:
         crc ^= _uint16(data, at)
         crc = (
             CRC_TABLES[3, crc & 0xFF]
