@@ -368,20 +368,21 @@ def predict_motion(
     motion: Motion,
     ahead_s: float,
     lag_s: float = 1.0,
-    wind_m_s: Point = (0.0, 0.0),
+    wind_m_s: Point | None = None,
     turn_radius_m: float = 0.0,
 ) -> Motion:
     """Return the predicted motion of a vehicle. If an obstacle is in the way, return that half-way to it.
 
     Parameters
     ----------
-    wind_m_s : tuple of float
-        Velocity of the air that the vehicle reports, east and north. With one, L1 guidance is simulated in
-        this wind. Without one, the vehicle flies straight to each waypoint.
+    wind_m_s : tuple of float, optional
+        Velocity of the air that the vehicle reports, east and north. If one is given, L1 guidance in it is
+        simulated, as autopilots fly that estimate the wind. If None, the vehicle turns straight to each
+        waypoint, as the airframe of the paper.
     turn_radius_m : float
-        Radius of the tightest turn in still air; not used without a wind.
+        Radius of the tightest turn in still air; not used if no wind is given.
     """
-    if wind_m_s == (0.0, 0.0):
+    if wind_m_s is None:
         return _end(simulate(grid, motion, ahead_s, lag_s))
     in_air = replace(motion, speed_m_s=airspeed_m_s(motion.speed_m_s, motion.course_rad, wind_m_s))
     end = _end(simulate(grid, in_air, ahead_s, lag_s, 0.0, turn_radius_m, L1_S, wind_m_s))

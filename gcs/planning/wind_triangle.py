@@ -36,19 +36,22 @@ def over_ground(course: float, airspeed: float, wind_east: float, wind_north: fl
 
 def plausible_wind_m_s(
     reported_m_s: tuple[float, float] | None, speed_m_s: float, course_rad: float, cruise_m_s: float
-) -> tuple[float, float]:
-    """Return the wind that a vehicle reports; none where its airspeed would be no such aeroplane's.
+) -> tuple[float, float] | None:
+    """Return the wind that a vehicle reports; (0, 0) where its airspeed would be no such aeroplane's.
 
     Parameters
     ----------
+    reported_m_s : tuple of float or None
+        East and north. If None, None is returned.
     speed_m_s, course_rad : float
         Speed over ground and course.
     cruise_m_s : float
         Airspeed at which it cruises.
     """
-    wind_m_s = reported_m_s or (0.0, 0.0)
-    share = airspeed_m_s(speed_m_s, course_rad, wind_m_s) / cruise_m_s
-    return wind_m_s if _LEAST_AIRSPEED < share < _GREATEST_AIRSPEED else (0.0, 0.0)
+    if reported_m_s is None:
+        return None
+    share = airspeed_m_s(speed_m_s, course_rad, reported_m_s) / cruise_m_s
+    return reported_m_s if _LEAST_AIRSPEED < share < _GREATEST_AIRSPEED else (0.0, 0.0)
 
 
 def leg_time_s(leg_m: tuple[float, float], airspeed: float, wind_m_s: tuple[float, float]) -> float:

@@ -16,7 +16,7 @@ Constants are fits to the flights of `tests/helpers/recorded_flights.py` and, of
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from sim_vehicles.vehicle.paper_airframe import STEP_S, Airframe
 
@@ -50,6 +50,8 @@ class BankedAirframe(Airframe):
     """One vehicle's motion; the command is a bank angle in radians, positive to the right."""
 
     __slots__ = ("_alt_demand_m", "_power_s")
+
+    estimates_calm: ClassVar[bool] = True
 
     def __init__(
         self, east_m: float, north_m: float, alt_rel_m: float, heading_rad: float, speed_m_s: float

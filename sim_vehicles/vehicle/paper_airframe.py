@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -155,6 +155,9 @@ class Airframe:
         "wind_north_m_s",
         "yaw_rate_rad_s",
     )
+
+    estimates_calm: ClassVar[bool] = False
+    """True if it reports that there is no wind, as autopilots do."""
 
     def __init__(
         self, east_m: float, north_m: float, alt_rel_m: float, heading_rad: float, speed_m_s: float

@@ -301,18 +301,18 @@ class Telemetry:
         )  # fmt: skip
 
     def wind(self, _t_ns: int) -> Any | None:
-        """Return where ArduPlane's wind comes from, and its speed; None in calm air."""
+        """Return where ArduPlane's wind comes from, and its speed; None if the airframe estimates none."""
         a = self._airframe
         speed_m_s = math.hypot(a.wind_east_m_s, a.wind_north_m_s)
-        if speed_m_s == 0.0:
+        if speed_m_s == 0.0 and not a.estimates_calm:
             return None
         from_deg = math.degrees(math.atan2(-a.wind_east_m_s, -a.wind_north_m_s))
         return mavlink.MAVLink_wind_message(from_deg, speed_m_s, 0.0)
 
     def wind_cov(self, t_ns: int) -> Any | None:
-        """Return the velocity of PX4's wind; None in calm air."""
+        """Return the velocity of PX4's wind; None if the airframe estimates none."""
         a = self._airframe
-        if a.wind_east_m_s == 0.0 and a.wind_north_m_s == 0.0:
+        if a.wind_east_m_s == 0.0 and a.wind_north_m_s == 0.0 and not a.estimates_calm:
             return None
         return mavlink.MAVLink_wind_cov_message(
             t_ns // 1000, a.wind_north_m_s, a.wind_east_m_s, 0.0, 0.1, 0.1, a.alt_rel_m, 0.5, 0.5

@@ -108,12 +108,14 @@ def test_what_is_flown_in_wind_is_among_the_simulated_flights(
 
 
 @pytest.mark.parametrize("turn_deg", [-100, 60])
-@pytest.mark.parametrize("towards_deg", [20.0, 110.0, 200.0, 290.0])
-def test_a_route_starts_where_its_vehicle_will_be_after_a_turn_in_strong_wind(towards_deg, turn_deg):
+@pytest.mark.parametrize(
+    ("strength_m_s", "towards_deg"), [(0.0, 0.0), (8.0, 20.0), (8.0, 110.0), (8.0, 200.0), (8.0, 290.0)]
+)
+def test_a_route_starts_where_its_vehicle_will_be_after_a_turn(strength_m_s, towards_deg, turn_deg):
     """Over Davos a route began 36 m beside its vehicle, which then flew 11 m too low over a slope."""
     angle = math.radians(towards_deg)
-    wind_m_s = (8.0 * math.sin(angle), 8.0 * math.cos(angle))
-    airframe = AgentAirframe(SPEED_M_S, 35.0, 1.0, 8.0, 20.0, 30.0, 10.0, 80.0, "loiter")
+    wind_m_s = (strength_m_s * math.sin(angle), strength_m_s * math.cos(angle))
+    airframe = AgentAirframe(SPEED_M_S, 35.0, 1.0, strength_m_s, 20.0, 30.0, 10.0, 80.0, "loiter")
     points_m = corners((turn_deg, -turn_deg, 60), 300.0)
     ahead = mission_ahead(Route(1, (0, 0), points_m, 1.0), (0.0, 0.0), airframe)
     way_m = flown(points_m, ahead.radii_m, "banked", wind_m_s)

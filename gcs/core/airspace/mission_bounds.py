@@ -121,12 +121,13 @@ class MissionBoundsCheck:
         if not items:
             return None
         airframe = self._airframes[vehicle]
-        wind_m_s = plausible_wind_m_s(
+        reported_wind_m_s = plausible_wind_m_s(
             reported_wind_m_s, motion.speed_m_s, motion.course_rad, airframe.speed_m_s
         )
         begin = predict_motion(
-            NOWHERE, motion, upload_s, airframe.turn_lag_s, wind_m_s, airframe.still_air_radius_m
+            NOWHERE, motion, upload_s, airframe.turn_lag_s, reported_wind_m_s, airframe.still_air_radius_m
         )
+        wind_m_s = reported_wind_m_s or (0.0, 0.0)
         begin = replace(begin, speed_m_s=airspeed_m_s(begin.speed_m_s, begin.course_rad, wind_m_s))
         flown_m, parts = self._flight(items, vehicle, begin, wind_m_s)
         points_m = np.vstack((begin.place_m, self._places_m(items)))

@@ -199,15 +199,15 @@ class AltitudeLayers:
             radius_m=radius_m,
             heights_msl_m=heights_m,
             end_radius_m=circle_m,
-            wind_m_s=self.wind_m_s(one.vehicle),
+            wind_m_s=self.wind_m_s(one.vehicle) or (0.0, 0.0),
         )
 
-    def wind_m_s(self, vehicle: int) -> Point:
-        """Return the wind that a vehicle reports, east and north."""
+    def wind_m_s(self, vehicle: int) -> Point | None:
+        """Return the wind that a vehicle reports, east and north; None if it reports none."""
         agent = self._agents[vehicle]
         state = agent.perception.motion.state
         if state is None:
-            return 0.0, 0.0
+            return None
         cruise_m_s = self._mission.agents[vehicle].speed_m_s
         return plausible_wind_m_s(agent.link.wind_m_s, state.ground_speed_m_s, state.course_rad, cruise_m_s)
 

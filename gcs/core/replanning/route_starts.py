@@ -135,7 +135,7 @@ class RouteStarts:
             start_delay_s=late_s,
             motion=takes_up,
             height_msl_m=self._begin_height_msl_m(vehicle, inputs),
-            wind_m_s=self.layers.wind_m_s(vehicle),
+            wind_m_s=self.layers.wind_m_s(vehicle) or (0.0, 0.0),
             climbs_first=vehicle in inputs.climbing_first and vehicle not in inputs.climbs,
             is_grounded=vehicle in inputs.grounded,
             is_unfit=vehicle in inputs.unfit,

@@ -195,7 +195,7 @@ class Intents:
         vehicle = state.system_id
         reported_m_s = self._agents[vehicle].link.wind_m_s
         flown = state.ground_speed_m_s, state.course_rad
-        return plausible_wind_m_s(reported_m_s, *flown, self._airframes[vehicle].speed_m_s)
+        return plausible_wind_m_s(reported_m_s, *flown, self._airframes[vehicle].speed_m_s) or (0.0, 0.0)
 
     def reach_m(self, state: VehicleState, for_s: float) -> float:
         """Return the greatest distance that a vehicle flies over ground in some time: downwind."""

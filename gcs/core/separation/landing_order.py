@@ -298,7 +298,7 @@ class LandingOrder:
             return 0.0, 0.0
         reported_m_s = self._agents[vehicle].link.wind_m_s
         flown = state.ground_speed_m_s, state.course_rad
-        return plausible_wind_m_s(reported_m_s, *flown, self._airframes[vehicle].speed_m_s)
+        return plausible_wind_m_s(reported_m_s, *flown, self._airframes[vehicle].speed_m_s) or (0.0, 0.0)
 
     def _flown_s(self, route: Route, return_m: FloatArray) -> float:
         """Return the time of a route and its return route; turns take as long as without wind."""
