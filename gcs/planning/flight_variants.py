@@ -16,9 +16,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from gcs.model import FloatArray
+from gcs.planning.circle_guidance import L1_S
 from gcs.planning.forward_simulation import (
     HEADING_S,
-    L1_S,
     Motion,
     SimulatedFlight,
     max_turn_rate_rad_s,

@@ -11,15 +11,14 @@ inwards by atan((d - R) / (V tau)). A vehicle without a known mission keeps its 
 Behind the first waypoint autopilots follow the line of each leg. The L1 guidance of ArduPlane (S. Park, J.
 Deyst and J. How, "A new nonlinear guidance logic for trajectory tracking", AIAA 2004) aims at a point of the
 line a time T1 of flight ahead. It commands sin(e) in place of e, at most that of 90 degrees, and its loop is
-no faster than `_L1_TURN` T1. Flights along a whole mission are simulated with it; turns on to a route fly to
+no faster than `L1_TURN` T1. Flights along a whole mission are simulated with it; turns on to a route fly to
 their waypoints straight.
 
 Other autopilots command the bearing of a point of the line as heading, with the error e in full. The
 simulated airframe of the paper does so with `HEADING_S`.
 
 To a circle farther than `_TRACKED_RADII`, autopilots that follow lines follow the line to its centre. From
-there L1 flies straight to the centre until the circle needs a harder turn: that of a damped oscillator in the
-distance from the circle, with the centripetal acceleration added (ArduPlane, `AP_L1_Control::update_loiter`).
+there L1 flies to the circle (`gcs.planning.circle_guidance`).
 
 In wind the vehicle heads into it: the bearing error is that of the course over ground, and a line's reference
 point is farther off downwind. On a line the lateral acceleration of L1 turns the velocity over ground, so the
@@ -38,6 +37,7 @@ import numpy as np
 
 from gcs.jit import Call, inlined, kernel
 from gcs.model import BoolArray, FloatArray
+from gcs.planning.circle_guidance import L1_S, L1_TURN, l1_circle_rate
 from gcs.planning.map.grid import Grid, Point, free_grid
 from gcs.planning.map.line_of_sight import NO_CELL, clear_leg
 from gcs.planning.wind_triangle import airspeed_m_s, over_ground
@@ -47,17 +47,10 @@ _MIN_LAG_S = 0.5
 _MAX_BEARING_ERROR_RAD = 0.75 * math.pi
 _MAX_LEAD_RAD = 1.6
 """Limit of the feed-forward turn rate times lag. The field turns faster near the centre than vehicles can."""
-L1_S = 3.6
-"""T1 by default: NAVL1_DAMPING NAVL1_PERIOD / pi, 0.75 times 15 s / pi."""
 HEADING_S = 6.0
 """Time of flight to the reference point of a heading law."""
-_L1_TURN = 0.59
-"""1 / (4 damping^2), and a quarter of the turn rate lost by slip, as in recorded flights of ArduPlane."""
 _CATCHING = math.sqrt(0.5)
 """Sine of the greatest angle to a line."""
-_L1_DAMPING = 0.75
-_SLIP_SHARE = 0.75
-"""Share of the demanded turn rate that is left after slip, as in `_L1_TURN`."""
 _TRACKED_RADII = 3.0
 """Distance from the centre of a circle beyond which the line to it is followed, in radii."""
 _CIRCLE_CAPTURE_S = 5.0
@@ -214,31 +207,7 @@ def _circle_error(x: float, y: float, course: float, speed: float, circle: Float
     return off, turning * max(0.0, math.cos(off))
 
 
-@inlined
-def _l1_circle_rate(
-    x: float,
-    y: float,
-    course: float,
-    ground: float,
-    speed: float,
-    circle: FloatArray,
-    l1_s: float,
-    loop_s: float,
-) -> float:
-    """Return the turn rate by which L1 flies to a circle and round it, clockwise."""
-    dx = x - circle[0]
-    dy = y - circle[1]
-    gap = max(math.hypot(dx, dy), 1e-6)
-    outwards = ground * (math.sin(course) * dx + math.cos(course) * dy) / gap
-    around = ground * (math.sin(course) * dy - math.cos(course) * dx) / gap
-    to_centre = min(max(math.atan2(around, -outwards), -0.5 * math.pi), 0.5 * math.pi)
-    straight = math.sin(to_centre) / loop_s * ground / speed
-    omega = 2.0 * _L1_DAMPING / l1_s
-    back = (gap - circle[2]) * omega * omega + outwards * 2.0 * _L1_DAMPING * omega
-    if outwards > 0.0 and around < 0.0:
-        back = max(back, 0.0)
-    circling = _SLIP_SHARE * (back + around * around / max(gap, 0.5 * circle[2])) / speed
-    return min(straight, circling) if gap > circle[2] else circling
+_circle_rate_in_kernel = inlined(l1_circle_rate)
 
 
 @kernel
@@ -277,7 +246,7 @@ def simulate_states(
     left = duration_s
     max_error = 0.0
     is_l1 = l1_s > 0.0
-    guidance_s = max(lag_s, _L1_TURN * l1_s) if is_l1 else lag_s
+    guidance_s = max(lag_s, L1_TURN * l1_s) if is_l1 else lag_s
     while left > 0.0:
         step = min(STEP_S, left)
         left -= step
@@ -333,7 +302,9 @@ def simulate_states(
                     off *= ground / speed
             wanted = off / loop_s + turning
             if is_l1 and not is_leg:
-                wanted = _l1_circle_rate(x, y, course, ground, speed, circle, l1_s, guidance_s)
+                wanted = _circle_rate_in_kernel(
+                    x - circle[0], y - circle[1], course, ground, speed, circle[2], l1_s, guidance_s
+                )
             wanted = min(max(wanted, -max_rate), max_rate)
             rate += (wanted - rate) * (1.0 - math.exp(-3.0 * step / lag_s))
         half = 0.5 * rate * step

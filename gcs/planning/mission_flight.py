@@ -14,7 +14,8 @@ import numpy as np
 
 from gcs.geo import bearing_rad
 from gcs.model import FloatArray, IntArray
-from gcs.planning.forward_simulation import L1_S, STEP_S, Motion, RemainingMission, simulate
+from gcs.planning.circle_guidance import L1_S
+from gcs.planning.forward_simulation import STEP_S, Motion, RemainingMission, simulate
 from gcs.planning.map.grid import Point, free_grid
 
 _CIRCLE_LAPS: Final = 1.5

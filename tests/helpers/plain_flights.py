@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from gcs.core.separation import forward_flight as f
@@ -45,23 +47,34 @@ def fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray,
         ahead_north = to_north - north
         away = np.hypot(ahead_east, ahead_north)
         closest = np.minimum(closest, away)
-        bearing = np.where(away > f._AT_CENTRE_M, np.arctan2(ahead_east, ahead_north), course + np.pi)
-        # Round a circle: the tangent, half a step ahead.
-        inwards = np.arctan((away - circle) / (speed * f.CONVERGENCE_S))
-        lead = 0.5 * speed * dt / np.maximum(away, 0.5 * circle)
-        bearing += is_circle * (np.pi + side * (0.5 * np.pi + inwards + lead))
-        error = (bearing - course + np.pi) % (2.0 * np.pi) - np.pi
-        turned = np.minimum(np.maximum(error, -max_rate * dt), max_rate * dt)
+        error = (np.arctan2(ahead_east, ahead_north) - course + np.pi) % (2.0 * np.pi) - np.pi
+        by_goal = np.minimum(np.maximum(error, -max_rate * dt), max_rate * dt)
         is_late = (k - 0.5) * step_s < delay
-        turned = np.where(keeps | is_late, turn_rate * dt, turned * ~is_climb)
-        course += 0.5 * turned
-        if is_windy:
-            speed, ahead = _over_ground(course, airspeed, wind_east, wind_north)
-            turn_rate = lateral * ahead / speed
-        moved = speed * dt * in_air
-        east += moved * np.sin(course)
-        north += moved * np.cos(course)
-        course += 0.5 * turned
+        circles = is_circle & ~is_late
+        straight = np.where(keeps | is_late, turn_rate * dt, by_goal * ~is_climb)
+        moved = np.zeros(len(last))
+        for number in range(f._CIRCLE_STEPS):  # all others fly the first as a whole step, and then wait
+            part = np.where(circles, dt / f._CIRCLE_STEPS, dt if number == 0 else 0.0)
+            wanted = side * _circle_rate(
+                side * (east - to_east), north - to_north, side * course, speed, airspeed, circle
+            )
+            wanted = np.minimum(np.maximum(wanted, -max_rate), max_rate)
+            follows = circles * (1.0 - np.exp(-np.maximum(part, 0.0) / f._ROLL_S))
+            lateral = lateral + follows * (wanted - lateral)
+            turn_rate = np.where(circles, lateral * ahead / speed, turn_rate)
+            turned = np.where(circles, turn_rate * part, straight if number == 0 else 0.0)
+            course += 0.5 * turned
+            if is_windy:
+                over, along = _over_ground(course, airspeed, wind_east, wind_north)
+                flies = circles | (number == 0)
+                speed = np.where(flies, over, speed)
+                ahead = np.where(flies, along, ahead)
+                turn_rate = lateral * ahead / speed
+            step_m = speed * part * in_air
+            east += step_m * np.sin(course)
+            north += step_m * np.cos(course)
+            moved += step_m
+            course += 0.5 * turned
         # Heights change at once, or evenly up to the goal.
         change = f.CLIMB_M_S * dt
         most = f._MAX_CLIMB_M_S * dt
@@ -77,18 +90,18 @@ def fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray,
         evenly_high = np.minimum(np.maximum(up_high * share, -most), most)
         drift = climb * dt * ((k * step_s <= f._LEVEL_S) | (kind == f._DRIFT) | is_late)
         rises = is_climb & ~is_late
-        by_goal = (is_leg | is_circle) & ~is_late
+        to_goal = (is_leg | is_circle) & ~is_late
         low_by = np.minimum(at_once, evenly)
         high_by = np.maximum(at_once_high, evenly_high)
         goes_on = is_circle & (climb < -f._SINKS_M_S)
         high_by = np.where(goes_on, np.maximum(high_by, climb * dt), high_by)
-        gain = by_goal * dt / (dt + f._CLIMB_LAG_S)
+        gain = to_goal * dt / (dt + f._CLIMB_LAG_S)
         low_rate = low_rate + gain * (low_by / dt - low_rate)
         high_rate = high_rate + gain * (high_by / dt - high_rate)
         low_by = np.where(low_by > 0.0, np.minimum(low_by, low_rate * dt), low_by)
         high_by = np.where(high_by < 0.0, np.maximum(high_by, high_rate * dt), high_by)
-        low += np.where(by_goal, low_by, np.minimum(drift, 0.0) * ~rises)
-        high += np.where(by_goal, high_by, np.maximum(drift, 0.0) * ~rises)
+        low += np.where(to_goal, low_by, np.minimum(drift, 0.0) * ~rises)
+        high += np.where(to_goal, high_by, np.maximum(drift, 0.0) * ~rises)
         low += rises * (1.0 - f._CLIMB_SPREAD) * rising * dt
         high += rises * (1.0 + f._CLIMB_SPREAD) * rising * dt
         high = np.where(rises, np.minimum(high, np.maximum(to_height, height)), high)
@@ -112,6 +125,9 @@ def fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray,
         paths[3, k] = high
         paths[2:, k, ~in_air] = np.nan
         dt = step_s
+
+
+_circle_rate = np.vectorize(partial(f.l1_circle_rate, l1_s=f.L1_S, loop_s=f._LOOP_S), otypes=[float])
 
 
 def _over_ground(

@@ -41,6 +41,11 @@ _DESCENT: Final = "RTL_DESCEND_ALT"
 """Height of the circle in which the return of a PX4 ends."""
 _DESCENT_M: Final = 100.0
 """Its default on fixed-wing vehicles (PX4, ROMFS/px4fmu_common/init.d/rc.fw_defaults)."""
+_LOITER_RADII: Final = frozenset({"WP_LOITER_RAD", "NAV_LOITER_RAD"})
+"""Radius of circles in LOITER and RTL, in metres; ArduPlane's is negative for circles to the left."""
+_HEARD: Final = frozenset({*_UNITS_PER_M, _TYPE, _DESCENT, *_LOITER_RADII})
+_RADII_M: Final = (5.0, 1000.0)
+"""Least and greatest radius of circles that are believed."""
 _MAX_VALUE: Final = 1e6
 """Greater values are not those of a return height."""
 _TOLERANCE_M: Final = 0.5
@@ -116,8 +121,8 @@ class ReturnHeightMonitor:
         self._rally_m = [float(point.alt_rel_m) for point in rally_of(config)]
 
     def receive(self, vehicle: int, message: Message) -> None:
-        """Process a message of a vehicle: keep the parameters that set its return height."""
-        if message.get_type() == "PARAM_VALUE" and message.param_id in {*_UNITS_PER_M, _TYPE, _DESCENT}:
+        """Process a message of a vehicle: keep the parameters of its return height and its circles."""
+        if message.get_type() == "PARAM_VALUE" and message.param_id in _HEARD:
             agent = self._agents[vehicle]
             value = decode_value(message, agent.link.is_atomic)
             if abs(value) <= _MAX_VALUE:  # a number
@@ -149,9 +154,10 @@ class ReturnHeightMonitor:
         returns = agent.returns
         if profile is None or not agent.link.has_telemetry or t_ns < returns.next_request_t_ns:
             return []
-        names = (*profile.return_parameters, *profile.return_circle_parameters[:1])
+        circles = (*profile.return_circle_parameters[:1], profile.loiter_parameter)
+        names = (*profile.return_parameters, *circles)
         is_known = not returns.parameters.keys().isdisjoint(_UNITS_PER_M)
-        if is_known and returns.parameters.keys() >= {_TYPE, _DESCENT} & set(names):
+        if is_known and returns.parameters.keys() >= {_TYPE, *circles} & set(names):
             return []
         wait_s = _REQUEST_S if returns.requests < _QUICK_REQUESTS else _SLOW_REQUEST_S
         returns.requests = returns.requests + 1
@@ -189,6 +195,14 @@ class ReturnHeightMonitor:
         if profile is None or _DESCENT not in profile.return_circle_parameters:
             return None
         return self._agents[vehicle].returns.parameters.get(_DESCENT, _DESCENT_M)
+
+    def loiter_radius_m(self, vehicle: int) -> float | None:
+        """Return the radius of circles in LOITER and RTL, negative to the left; None if it was not heard."""
+        profile = self._fleet.profile(vehicle)
+        if profile is None:
+            return None
+        radius_m = self._agents[vehicle].returns.parameters.get(profile.loiter_parameter, 0.0)
+        return radius_m if _RADII_M[0] <= abs(radius_m) <= _RADII_M[1] else None
 
     def lands_by_mission(self, vehicle: int) -> bool:
         """Return True if a vehicle that returns flies to the landing of its mission, if that has one."""

@@ -1,9 +1,8 @@
 """Forward flight: where many vehicles will be in the next seconds, with their climbs.
 
 Each vehicle flies from goal to goal: it turns towards a waypoint with its planned turn rate and flies on
-straight, or follows a vector field round a circle. At distance d from the centre of a circle of radius R the
-desired course is the tangent, turned inwards by ``atan((d - R) / (v tau))`` (`CONVERGENCE_S`). A vehicle
-without a goal keeps its turn rate.
+straight, or by L1 guidance to a circle and round it (`gcs.planning.circle_guidance`). A vehicle without a
+goal keeps its turn rate.
 
 Autopilots follow legs and circles over ground and keep their airspeed (`gcs.planning.wind_triangle`). L1
 guidance banks more the faster a vehicle is over ground: the greatest turn rate stays. A vehicle without a
@@ -30,11 +29,14 @@ import numpy as np
 from gcs.geo import wrap_pi
 from gcs.jit import Call, kernel, spliced
 from gcs.model import FloatArray, IntArray
+from gcs.planning.circle_guidance import L1_S, L1_TURN, l1_circle_rate
 from gcs.planning.wind_triangle import LOW_SPEED_M_S, airspeed_m_s, leg_time_s, over_ground
 
 STEP_S: Final = 1.0
-CONVERGENCE_S: Final = 1.5
-"""Time constant tau of the approach to a circle: that of L1 guidance with NAVL1_PERIOD 15 to 17 s."""
+_CIRCLE_STEPS: Final = 4
+"""Steps on a circle for each step in time."""
+_ROLL_S: Final = 0.2
+"""Time constant with which the turn rate follows on circles."""
 CLIMB_M_S: Final = 5.0
 """Vertical speed of a change of height."""
 SLOW_SINK_M_S: Final = 2.5
@@ -51,8 +53,7 @@ _CLIMB_SPREAD: Final = 0.4
 """Relative uncertainty of the vertical speed after a take-off."""
 _BEHIND_RAD: Final = 1.8
 """A near waypoint at this angle from the course has been passed, if it was ahead before."""
-_AT_CENTRE_M: Final = 1.0
-"""Distance from a centre within which a vehicle counts as flying straight away from it (AP_L1_Control)."""
+_LOOP_S: Final = L1_TURN * L1_S
 _ON_CIRCLE: Final = 1.3
 """Distance from the centre of a circle, in radii, within which a vehicle flies on it."""
 _LEVEL_S: Final = 2.0
@@ -244,6 +245,7 @@ def simulate_flights(flights: Sequence[Flight], for_s: float, step_s: float = ST
 
 
 _over_ground_in_kernel = spliced(over_ground)
+_circle_rate_in_kernel = spliced(l1_circle_rate)
 
 
 @kernel
@@ -297,26 +299,42 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
             ahead_north = table[i, goal, 2] - north
             away = math.hypot(ahead_east, ahead_north)
             closest = min(closest, away)
-            bearing = math.atan2(ahead_east, ahead_north) if away > _AT_CENTRE_M else course + math.pi
-            if is_circle:  # the tangent, half a step ahead
-                side = -1.0 if radius < 0.0 else 1.0
-                inwards = math.atan((away - circle) / (speed * CONVERGENCE_S))
-                lead = 0.5 * speed * dt / max(away, 0.5 * circle)
-                bearing += math.pi + side * (0.5 * math.pi + inwards + lead)
-            error = (bearing - course + math.pi) % (2.0 * math.pi) - math.pi
-            turned = 0.0
-            if (is_leg or is_circle) and not is_late:
-                turned = min(max(error, -max_rate * dt), max_rate * dt)
-            elif is_late or not is_climb:
-                turned = turn_rate * dt
-            course += 0.5 * turned
-            if is_windy:
-                speed, ahead = _over_ground_in_kernel(course, airspeed, wind_east, wind_north)
-                turn_rate = lateral * ahead / speed
-            moved = speed * dt if in_air else 0.0
-            east += moved * math.sin(course)
-            north += moved * math.cos(course)
-            course += 0.5 * turned
+            error = (math.atan2(ahead_east, ahead_north) - course + math.pi) % (2.0 * math.pi) - math.pi
+            circles = is_circle and not is_late
+            parts = _CIRCLE_STEPS if circles else 1
+            part = dt / parts
+            side = -1.0 if radius < 0.0 else 1.0
+            moved = 0.0
+            for _ in range(parts):
+                turned = 0.0
+                if circles:
+                    wanted = side * _circle_rate_in_kernel(
+                        side * (east - table[i, goal, 1]),
+                        north - table[i, goal, 2],
+                        side * course,
+                        speed,
+                        airspeed,
+                        circle,
+                        L1_S,
+                        _LOOP_S,
+                    )
+                    wanted = min(max(wanted, -max_rate), max_rate)
+                    lateral += (wanted - lateral) * (1.0 - math.exp(-max(part, 0.0) / _ROLL_S))
+                    turn_rate = lateral * ahead / speed
+                    turned = turn_rate * part
+                elif is_leg and not is_late:
+                    turned = min(max(error, -max_rate * dt), max_rate * dt)
+                elif is_late or not is_climb:
+                    turned = turn_rate * dt
+                course += 0.5 * turned
+                if is_windy:
+                    speed, ahead = _over_ground_in_kernel(course, airspeed, wind_east, wind_north)
+                    turn_rate = lateral * ahead / speed
+                step_m = speed * part if in_air else 0.0
+                east += step_m * math.sin(course)
+                north += step_m * math.cos(course)
+                moved += step_m
+                course += 0.5 * turned
             on_circle = is_circle and away <= _ON_CIRCLE * circle
             if is_late:
                 low += min(climb * dt, 0.0)

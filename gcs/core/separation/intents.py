@@ -7,7 +7,8 @@
 * A PX4 that begins a mission in the air climbs in a circle where it is, if the first point is higher by more
   than `FIRST_CLIMB_M`. The climb goes on if it is set to LOITER then.
 * LOITER: a circle round the place where it began.
-* Circles have the radius, and the side, of the vehicle's last one; before that 60 m, to the right.
+* Circles have the radius, and the side, of the vehicle's last one; before that those of its parameter, or
+  60 m, to the right.
 * Other modes, or an unknown mission: turn rate and vertical speed are kept.
 
 The wind is the vehicle's own estimate (WIND, WIND_COV); without one it counts as none.
@@ -37,11 +38,13 @@ from gcs.core.separation.separation_state import FirstClimb
 from gcs.core.state import Agent
 from gcs.core.tasking.upload_latency import DELIVERY_S, late_s
 from gcs.fence import rally_of
+from gcs.geo import wrap_pi
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.mission.items import Item
 from gcs.model import NS_PER_S, Route, VehicleState
+from gcs.planning.circle_guidance import commanded_radius_m
 from gcs.planning.wind_triangle import airspeed_m_s, plausible_wind_m_s
 
 _G_M_S2: Final = 9.80665
@@ -71,10 +74,12 @@ FIRST_CLIMB_M: Final = 10.0
 """Default NAV_FW_ALT_RAD of PX4."""
 _FIRST_CLIMB_M_S: Final = 3.0
 """Default FW_T_CLMB_R_SP of PX4."""
-_HOLD_DELAY_S: Final = 0.75
-"""Time from an order to the turn to a circle or to a first point, if it begins at once with its full rate."""
+_MODE_DELAY_S: Final = 0.3
+"""Time from an order to the mode."""
+_TURN_DELAY_S: Final = 0.75
+"""Time from a new mission to the turn to its first point, if that begins at once with its full rate."""
 _HOLD_BANK_DEG: Final = 38.0
-"""Bank of that turn; with the delay it fits holds of ArduPlane and PX4 (`docs/measurements.md`)."""
+"""Bank of the turn to a circle; it fits holds of ArduPlane and PX4 (`docs/measurements.md`)."""
 _PLACES: Final = 16_384
 """Homes and mission items whose places are kept: those of a thousand vehicles."""
 _KINDS: Final = {
@@ -169,15 +174,15 @@ class Intents:
         through_air_m_s = airspeed_m_s(speed_m_s, state.course_rad, wind_m_s)
         rate = self._agents[state.system_id].separation.rate_rad_s
         max_rate = max(self.turn_rate_rad_s(state.system_id, through_air_m_s), abs(rate))
-        delay_s = 0.0
+        age_s = max(t_ns - state.t_ns, 0) / NS_PER_S
         if mode == LOITER and state.mode != LOITER:
-            delay_s = _HOLD_DELAY_S
+            state = _after(state, age_s + _MODE_DELAY_S, rate)
+            age_s = -_MODE_DELAY_S
             max_rate = max(max_rate, _turn_rate_rad_s(_HOLD_BANK_DEG, through_air_m_s))
-        straight_m = delay_s * speed_m_s
         return Flight(
             vehicle=state.system_id,
-            east_m=state.east_m + straight_m * math.sin(state.course_rad),
-            north_m=state.north_m + straight_m * math.cos(state.course_rad),
+            east_m=state.east_m,
+            north_m=state.north_m,
             height_m=state.alt_msl_m,
             speed_m_s=speed_m_s,
             course_rad=state.course_rad,
@@ -185,7 +190,7 @@ class Intents:
             turn_rate_rad_s=rate,
             max_turn_rate_rad_s=max_rate,
             goals=self._goals(state, mode or state.mode),
-            age_s=max(t_ns - state.t_ns, 0) / NS_PER_S - delay_s,
+            age_s=age_s,
             climb_gradient=self.climb_gradient(state.system_id),
             wind_m_s=wind_m_s,
         )
@@ -239,7 +244,7 @@ class Intents:
 
     def mission_delay_s(self, vehicle: int) -> float:
         """Return the time until a vehicle turns to the first point of a mission whose upload begins now."""
-        return DELIVERY_S + late_s(self._agents[vehicle].tasking) + _HOLD_DELAY_S
+        return DELIVERY_S + late_s(self._agents[vehicle].tasking) + _TURN_DELAY_S
 
     def turn_rate_rad_s(self, vehicle: int, speed_m_s: float) -> float:
         """Return the planned turn rate of a vehicle at a speed."""
@@ -259,7 +264,7 @@ class Intents:
             return self._circle_up(state, seen.first_climb)
         if state.mode == LOITER and seen.hold_m is not None:
             centre_m = seen.hold_m
-        radius_m = seen.radius_m or self._wide_m(state.system_id, _CIRCLE_RADIUS_M, state.alt_msl_m)
+        radius_m = self._circle_radius_m(state.system_id, state.alt_msl_m)
         return Goal(GoalKind.CIRCLE, *centre_m, radius_m, state.alt_msl_m)
 
     def first_climb(self, state: VehicleState, height_msl_m: float) -> Iterator[Goal]:
@@ -278,10 +283,9 @@ class Intents:
         return profile is not None and profile.climbs_first and is_below and not on_ground
 
     def _circle_up(self, state: VehicleState, climb: FirstClimb) -> Goal:
-        seen = self._agents[state.system_id].separation
         rate_m_s = state.climb_m_s if state.climb_m_s > _LEVEL_M_S else _FIRST_CLIMB_M_S
         for_s = max(climb.height_msl_m - state.alt_msl_m, 0.0) / rate_m_s + STEP_S
-        radius_m = seen.radius_m or _CIRCLE_RADIUS_M
+        radius_m = self._circle_radius_m(state.system_id, climb.height_msl_m)
         return Goal(GoalKind.CIRCLE, climb.east_m, climb.north_m, radius_m, climb.height_msl_m, for_s)
 
     def note_first_climb(self, state: VehicleState) -> None:
@@ -302,8 +306,16 @@ class Intents:
             seen.first_climb = None
         seen.mode = state.mode
 
+    def _circle_radius_m(self, vehicle: int, height_msl_m: float) -> float:
+        """Return the radius of a circle in LOITER and RTL: as the last one, or as the vehicle's parameter."""
+        seen_m = self._agents[vehicle].separation.radius_m
+        if seen_m:
+            return commanded_radius_m(seen_m, self._airframes[vehicle].speed_m_s)
+        told_m = self._return_heights.loiter_radius_m(vehicle)
+        return self._wide_m(vehicle, told_m or _CIRCLE_RADIUS_M, height_msl_m)
+
     def _wide_m(self, vehicle: int, radius_m: float, height_msl_m: float) -> float:
-        """Return the radius over ground of a circle whose radius was commanded (AP_L1_Control)."""
+        """Return the radius by which a commanded circle is flown: in thin air ArduPlane widens it."""
         profile = self._fleet.profile(vehicle)
         is_wider = profile is not None and profile.widens_circles
         return radius_m / density_ratio(height_msl_m) if is_wider else radius_m
@@ -337,7 +349,8 @@ class Intents:
         if landings and not is_begun and height_m > state.alt_msl_m:
             climb_s = (height_m - state.alt_msl_m) / CLIMB_M_S
             place_m = (state.east_m, state.north_m)
-            yield Goal(GoalKind.CIRCLE, *place_m, _CIRCLE_RADIUS_M, height_m, climb_s)
+            radius_m = self._circle_radius_m(state.system_id, height_m)
+            yield Goal(GoalKind.CIRCLE, *place_m, radius_m, height_m, climb_s)
         for item in landings[:1]:
             yield self._goal(item, ground_m)
 
@@ -357,8 +370,7 @@ class Intents:
             height_m = max(height_m, ground_m + rally_m) if known is None else height_m
         if profile is not None and profile.atomic:  # PX4 returns no lower than it is
             height_m = max(height_m, state.alt_msl_m)
-        radius_m = self._agents[state.system_id].separation.radius_m
-        radius_m = radius_m or self._wide_m(state.system_id, _CIRCLE_RADIUS_M, height_m)
+        radius_m = self._circle_radius_m(state.system_id, height_m)
         end_m = self._return_heights.circle_height_m(state.system_id)
         away_m = math.dist((state.east_m, state.north_m), (east_m, north_m))
         if end_m is None:
@@ -417,6 +429,18 @@ class Intents:
 
 def _is_fresh(state: VehicleState, t_ns: int) -> bool:
     return t_ns - state.t_ns <= _MAX_AGE_S * NS_PER_S
+
+
+def _after(state: VehicleState, after_s: float, rate_rad_s: float) -> VehicleState:
+    """Return the state of a vehicle that flies on with its turn rate for some time."""
+    half = 0.5 * rate_rad_s * after_s
+    way_m = max(state.ground_speed_m_s, 1.0) * after_s
+    return replace(
+        state,
+        east_m=state.east_m + way_m * math.sin(state.course_rad + half),
+        north_m=state.north_m + way_m * math.cos(state.course_rad + half),
+        course_rad=wrap_pi(state.course_rad + 2.0 * half),
+    )
 
 
 def _turn_rate_rad_s(bank_deg: float, airspeed_m_s: float) -> float:

@@ -19,11 +19,11 @@ def windy(east_m_s):
     return FIELD + f"[simulation.wind]\neast_m_s = {east_m_s}\n"
 
 
-def predicted(sky):
-    """Return the predicted flight of vehicle 1, (k, 2)."""
+def predicted(sky, mode=None):
+    """Return the predicted flight of vehicle 1, also in another mode, (k, 2)."""
     engine = sky.run_.engine
     (state,) = engine.stages.intents.in_air(sky.run_.t_ns)
-    paths = simulate_flights([engine.stages.intents.flight(state, sky.run_.t_ns)], AHEAD_S)
+    paths = simulate_flights([engine.stages.intents.flight(state, sky.run_.t_ns, mode)], AHEAD_S)
     return np.hstack((paths.east_m, paths.north_m))
 
 
@@ -66,6 +66,22 @@ def test_a_circle_in_wind_is_flown_fast_downwind_and_slowly_upwind(px4):
     sky = circling(field.replace("loiter_radius_m = 60.0", "loiter_radius_m = 80.0"), px4)
     off_m = [np.hypot(*(predicted(sky) - flown(sky)).T) for _ in range(6)]
     assert np.max(off_m) < 40.0  # 150 m before
+
+
+@pytest.mark.parametrize("px4", [(), (1,)])
+@pytest.mark.parametrize("east_m_s", [0.0, -6.0])
+def test_a_hold_is_flown_where_it_is_predicted(east_m_s, px4):
+    """From its centre a vehicle flies out before it turns, by the radius that its parameter sets."""
+    field = windy(east_m_s).replace("S = 1.0", "S = 1.0, WP_LOITER_RAD = 80.0")
+    sky = Sky((1500.0, 1500.0, 60.0), field=field, px4=px4, courses_deg=[90.0])
+    while sky.planes[1].autopilot.mode is not Mode.AUTO:
+        fly_on(sky, 0.4)
+    fly_on(sky, 15.0)
+    ahead_m = predicted(sky, "LOITER")
+    sky.planes[1].autopilot.set_mode(Mode.LOITER)
+    off_m = np.hypot(*(ahead_m - flown(sky)).T)
+    assert off_m[:9].max() < 10.0  # 75 to 90 m before
+    assert off_m.max() < 25.0
 
 
 @pytest.mark.parametrize("px4", [(), (1,)])

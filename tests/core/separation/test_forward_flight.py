@@ -11,6 +11,7 @@ from gcs.core.separation.forward_flight import Flight, Goal, GoalKind, simulate_
 from gcs.core.separation.look_ahead import encounters
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S
+from gcs.planning.circle_guidance import commanded_radius_m
 from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.autopilots.mission_protocol import Item
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
@@ -42,10 +43,11 @@ def test_a_vehicle_flies_from_waypoint_to_waypoint():
 
 
 def test_a_vehicle_on_a_circle_stays_on_it():
-    circle = Goal(GoalKind.CIRCLE, 0.0, 0.0, 60.0, 100.0)
+    circle = Goal(GoalKind.CIRCLE, 0.0, 0.0, commanded_radius_m(60.0, 15.0), 100.0)
     paths = simulate_flights([flight(place=(0.0, 60.0), course_deg=90.0, goals=[circle])], 40.0)
     radius_m = np.hypot(paths.east_m, paths.north_m)
     assert np.abs(radius_m - 60.0).max() < 6.0
+    assert radius_m[-1] == pytest.approx(60.0, abs=0.5)
 
 
 def test_a_vehicle_that_joins_a_circle_from_afar_is_on_it_half_a_minute_later():

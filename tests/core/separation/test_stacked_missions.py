@@ -438,7 +438,7 @@ def test_one_that_circles_at_its_target_makes_way_for_one_that_a_failsafe_return
 def test_a_radio_that_fails_in_the_upload_for_a_vehicle_that_makes_way_leaves_it_on_one_whole_mission(px4):
     sky = at_target(px4, begin_m=(1500.0, 2600.0))
     one, other = sky.planes[1], sky.planes[2]
-    place(other, 1500.0, 1000.0, one.alt_rel_m)
+    place(other, 1500.0, 930.0, one.alt_rel_m)
     other.autopilot.set_mode(Mode.RTL)
     for _ in range(100):
         fly_on(sky, 0.4)
