@@ -35,7 +35,7 @@ from sim_vehicles.process_start import (
 )
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 from sim_vehicles.world.scenario import Scenario
-from sim_vehicles.world.vehicle_specs import vehicle_specs
+from sim_vehicles.world.vehicle_specs import in_launch_layers, vehicle_specs
 
 _READY_TIMEOUT_S = 60.0
 _AIRBORNE_TIMEOUT_S = 180.0
@@ -119,7 +119,7 @@ class Supervisor:
             for link in plan.truth_links:
                 self._spawn("world.truth_link", TruthLinkArguments(link, self._truth))
         elif plan.sitl:
-            self._spawn_firmware(specs, ground)
+            self._spawn_firmware(in_launch_layers(specs, scenario), ground)
         else:
             for i in range(0, len(specs), plan.pack):
                 pack = specs[i : i + plan.pack]

@@ -8,6 +8,8 @@ circle is above the floor of the flight band.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -19,6 +21,8 @@ from sim_vehicles.world.scenario import Scenario
 
 _AROUND: Final = 2.0
 """Radius of the ground below a launch, in loiter radii: circles are joined from outside, and wide in wind."""
+
+_LAUNCH_LAYERS: Final = 3
 
 
 def vehicle_specs(scenario: Scenario, seed: int) -> list[VehicleSpec]:
@@ -65,6 +69,23 @@ def vehicle_specs(scenario: Scenario, seed: int) -> list[VehicleSpec]:
         )
         for agent in scenario.config.agents
         for own in (scenario.config.airframes.get(agent.airframe, NamedAirframeTable()),)
+    ]
+
+
+def in_launch_layers(specs: Sequence[VehicleSpec], scenario: Scenario) -> list[VehicleSpec]:
+    """Return specifications of vehicles that are launched at once: neighbours circle a layer apart.
+
+    They return a layer apart, too.
+    """
+    config = scenario.config
+    layers = min(config.mission.layers, _LAUNCH_LAYERS)
+    max_m = math.inf if config.terrain is None else config.terrain.max_agl_m
+    heights_m = [
+        spec.alt_rel_m + number % layers * config.mission.layer_step_m for number, spec in enumerate(specs)
+    ]
+    return [
+        replace(spec, alt_rel_m=max(spec.alt_rel_m, min(height_m, max_m)))
+        for spec, height_m in zip(specs, heights_m, strict=True)
     ]
 
 

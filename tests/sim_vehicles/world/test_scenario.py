@@ -11,7 +11,7 @@ from helpers.ridged import VALLEY_MSL_M, ridge, terrain_table
 from gcs.config import scenario_names
 from gcs.errors import ConfigError
 from sim_vehicles.world.scenario import generator, load, parse_scenario
-from sim_vehicles.world.vehicle_specs import vehicle_specs
+from sim_vehicles.world.vehicle_specs import in_launch_layers, vehicle_specs
 
 GOOD = """
 name = "x"
@@ -158,6 +158,18 @@ def test_a_launch_beside_a_hill_is_above_the_floor_of_the_band_all_round_its_cir
     ground_m = [ridge().height_msl_m(spec.east_m + east_m, spec.north_m) for east_m in (-50.0, 0.0, 50.0)]
     assert min(launch_msl_m - height_m for height_m in ground_m) > 50.0
     assert spec.alt_rel_m > level.alt_rel_m
+
+
+def test_neighbours_that_are_launched_at_once_circle_a_layer_apart_below_the_ceiling_of_the_band():
+    agent = "[[agents]]\nsystem_id = {0}\neast_m = 100.0\nnorth_m = {0}00.0\n"
+    agents = "".join(map(agent.format, (2, 3, 4, 5)))
+    flat = parse_scenario(GOOD + agents + TARGET, "world.toml")
+    lowest_m = flat.config.mission.altitude_rel_m
+    heights_m = [spec.alt_rel_m - lowest_m for spec in in_launch_layers(vehicle_specs(flat, 0), flat)]
+    assert heights_m == [0.0, 20.0, 40.0, 0.0, 20.0]
+    over = parse_scenario(GOOD + agents + TARGET + terrain_table(ridge()), "world.toml")
+    launches = in_launch_layers(vehicle_specs(over, 0), over)
+    assert max(spec.alt_rel_m for spec in launches) <= over.config.terrain.max_agl_m
 
 
 def test_slant_ranges_need_the_height_of_the_sensor(mistake):
