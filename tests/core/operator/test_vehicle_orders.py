@@ -217,7 +217,7 @@ def test_a_parameter_that_passes_the_service_is_heard() -> None:
     asked = dialect.MAVLink_param_request_read_message(1, 1, b"RTL_ALTITUDE", -1)
     plane.receive_datagram(Encoder(254, 190)(asked), run.t_ns)
     run.run(6.0)
-    assert run.engine.state.agents[1].returns.parameters == {"RTL_ALTITUDE": 100.0}
+    assert run.engine.state.agents[1].returns.parameters["RTL_ALTITUDE"] == 100.0
 
 
 def test_a_vehicle_that_is_resumed_from_its_return_gets_the_layer_of_its_new_plan() -> None:
