@@ -1,8 +1,8 @@
 """L1 guidance to a loiter circle and round it (ArduPlane, `AP_L1_Control::update_loiter`).
 
 From afar a vehicle flies straight to the centre, until the circle needs a harder turn: that of a damped
-oscillator in the distance from the circle, with the centripetal acceleration added. A circle that begins at
-its centre is so left by some way before the turn begins.
+oscillator in the distance from the circle, with the centripetal acceleration added. A vehicle that begins a
+circle at its centre flies outwards first, and turns later.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _DAMPING: Final = 0.75
 _SLIP_SHARE: Final = 0.75
 """Share of the demanded turn rate that is left after slip, as in `L1_TURN`."""
 _WIDENING_S2: Final = (1.0 / _SLIP_SHARE - 1.0) * (0.5 * L1_S / _DAMPING) ** 2
-"""By slip, (flown radius - commanded radius) flown radius / airspeed^2."""
+"""Widening of a circle by slip: (flown radius - commanded radius) times flown radius, by airspeed^2."""
 _CENTRE_M: Final = 0.1
 """Distance from the centre within which a vehicle counts as flying straight away from it."""
 
@@ -63,7 +63,7 @@ def l1_circle_rate(
 
 
 def commanded_radius_m(flown_m: float, speed_m_s: float) -> float:
-    """Return the commanded radius of a circle that is flown, by slip wider; it keeps the sign.
+    """Return the commanded radius of a circle, which slip makes wider in flight; the sign is kept.
 
     Parameters
     ----------

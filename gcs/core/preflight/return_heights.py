@@ -42,10 +42,10 @@ _DESCENT: Final = "RTL_DESCEND_ALT"
 _DESCENT_M: Final = 100.0
 """Its default on fixed-wing vehicles (PX4, ROMFS/px4fmu_common/init.d/rc.fw_defaults)."""
 _LOITER_RADII: Final = frozenset({"WP_LOITER_RAD", "NAV_LOITER_RAD"})
-"""Radius of circles in LOITER and RTL, in metres; ArduPlane's is negative for circles to the left."""
 _HEARD: Final = frozenset({*_UNITS_PER_M, _TYPE, _DESCENT, *_LOITER_RADII})
+"""Parameters that are kept."""
 _RADII_M: Final = (5.0, 1000.0)
-"""Least and greatest radius of circles that are believed."""
+"""Minimum and maximum loiter radius that is accepted from a vehicle."""
 _MAX_VALUE: Final = 1e6
 """Greater values are not those of a return height."""
 _TOLERANCE_M: Final = 0.5
@@ -197,7 +197,7 @@ class ReturnHeightMonitor:
         return self._agents[vehicle].returns.parameters.get(_DESCENT, _DESCENT_M)
 
     def loiter_radius_m(self, vehicle: int) -> float | None:
-        """Return the radius of circles in LOITER and RTL, negative to the left; None if it was not heard."""
+        """Return the vehicle's loiter radius in metres, negative to the left; None if it was not heard."""
         profile = self._fleet.profile(vehicle)
         if profile is None:
             return None

@@ -75,11 +75,11 @@ FIRST_CLIMB_M: Final = 10.0
 _FIRST_CLIMB_M_S: Final = 3.0
 """Default FW_T_CLMB_R_SP of PX4."""
 _MODE_DELAY_S: Final = 0.3
-"""Time from an order to the mode."""
+"""Time from an order to hold until the autopilot changes its mode."""
 _TURN_DELAY_S: Final = 0.75
-"""Time from a new mission to the turn to its first point, if that begins at once with its full rate."""
+"""Time from the delivery of a mission until the vehicle turns to its first point at its full turn rate."""
 _HOLD_BANK_DEG: Final = 38.0
-"""Bank of the turn to a circle; it fits holds of ArduPlane and PX4 (`docs/measurements.md`)."""
+"""Limit of the bank in a turn to a hold: autopilots bank more than routes are planned with."""
 _PLACES: Final = 16_384
 """Homes and mission items whose places are kept: those of a thousand vehicles."""
 _KINDS: Final = {

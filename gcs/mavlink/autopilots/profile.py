@@ -129,7 +129,7 @@ class AutopilotProfile:
     return_circle_parameters: tuple[str, ...]
     """Height above home, and radius, of the circle in which a return ends; empty if it keeps its height."""
     loiter_parameter: str
-    """Parameter of the radius of circles in LOITER and RTL."""
+    """Parameter of the loiter radius, in LOITER and RTL; ArduPlane's is negative for circles to the left."""
     return_heights: Callable[[Mapping[str, float], Sequence[float]], Sequence[PossibleReturn]]
     """Returns the possible return heights, from parameters and the heights of rally points. The height at a
     rally point is the first."""
