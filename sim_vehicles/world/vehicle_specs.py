@@ -22,8 +22,6 @@ from sim_vehicles.world.scenario import Scenario
 _AROUND: Final = 2.0
 """Radius of the ground below a launch, in loiter radii: circles are joined from outside, and wide in wind."""
 
-_LAUNCH_LAYERS: Final = 3
-
 
 def vehicle_specs(scenario: Scenario, seed: int) -> list[VehicleSpec]:
     """Return a specification for each agent of the mission file, in order."""
@@ -78,7 +76,7 @@ def in_launch_layers(specs: Sequence[VehicleSpec], scenario: Scenario) -> list[V
     They return a layer apart, too.
     """
     config = scenario.config
-    layers = min(config.mission.layers, _LAUNCH_LAYERS)
+    layers = config.mission.layers
     max_m = math.inf if config.terrain is None else config.terrain.max_agl_m
     heights_m = [
         spec.alt_rel_m + number % layers * config.mission.layer_step_m for number, spec in enumerate(specs)

@@ -166,7 +166,7 @@ def test_neighbours_that_are_launched_at_once_circle_a_layer_apart_below_the_cei
     flat = parse_scenario(GOOD + agents + TARGET, "world.toml")
     lowest_m = flat.config.mission.altitude_rel_m
     heights_m = [spec.alt_rel_m - lowest_m for spec in in_launch_layers(vehicle_specs(flat, 0), flat)]
-    assert heights_m == [0.0, 20.0, 40.0, 0.0, 20.0]
+    assert heights_m == [0.0, 20.0, 40.0, 60.0, 80.0]
     over = parse_scenario(GOOD + agents + TARGET + terrain_table(ridge()), "world.toml")
     launches = in_launch_layers(vehicle_specs(over, 0), over)
     assert max(spec.alt_rel_m for spec in launches) <= over.config.terrain.max_agl_m
