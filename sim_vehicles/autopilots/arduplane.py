@@ -658,11 +658,14 @@ class Autopilot:
         airframe.is_climbing_out = False
         self._fly(self._circle(airframe.east_m, airframe.north_m), airframe.alt_rel_m)
 
+    def _loiter_radius_m(self) -> float:
+        return self.parameters["WP_LOITER_RAD"]
+
     def _circle(
         self, east_m: float, north_m: float, radius_m: float = 0.0, leg: ToPoint | None = None
     ) -> Circle:
         """Return a circle; ArduPlane widens its radius in thin air."""
-        radius_m = radius_m or self.parameters["WP_LOITER_RAD"]
+        radius_m = radius_m or self._loiter_radius_m()
         if self._widens_circles:
             radius_m /= density_ratio(self.geodesy.frame.alt_msl_m + self.airframe.alt_rel_m)
         return Circle(east_m, north_m, radius_m, leg)

@@ -222,6 +222,9 @@ class Px4Autopilot(Autopilot):
     def _has_slope(self, leg: ToPoint) -> bool:
         return leg.is_tracked and self._mission_running
 
+    def _loiter_radius_m(self) -> float:
+        return self.parameters["NAV_LOITER_RAD"]
+
     def _slope_ends_m(self) -> float:
         return self.parameters["NAV_LOITER_RAD"]
 

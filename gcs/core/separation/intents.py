@@ -311,8 +311,11 @@ class Intents:
         seen_m = self._agents[vehicle].separation.radius_m
         if seen_m:
             return commanded_radius_m(seen_m, self._airframes[vehicle].speed_m_s)
-        told_m = self._return_heights.loiter_radius_m(vehicle)
-        return self._wide_m(vehicle, told_m or _CIRCLE_RADIUS_M, height_msl_m)
+        return self._wide_m(vehicle, self._own_radius_m(vehicle), height_msl_m)
+
+    def _own_radius_m(self, vehicle: int) -> float:
+        """Return the radius of circles for which none is commanded."""
+        return self._return_heights.loiter_radius_m(vehicle) or _CIRCLE_RADIUS_M
 
     def _wide_m(self, vehicle: int, radius_m: float, height_msl_m: float) -> float:
         """Return the radius by which a commanded circle is flown: in thin air ArduPlane widens it."""
@@ -406,7 +409,8 @@ class Intents:
             if item.command in _KINDS:
                 goal = self._goal(item, ground_m)
                 if goal.kind is GoalKind.CIRCLE:
-                    goal = replace(goal, radius_m=self._wide_m(state.system_id, goal.radius_m, goal.height_m))
+                    commanded_m = goal.radius_m or self._own_radius_m(state.system_id)
+                    goal = replace(goal, radius_m=self._wide_m(state.system_id, commanded_m, goal.height_m))
                 yield goal
                 left_m -= math.dist(place_m, (goal.east_m, goal.north_m))
                 place_m = (goal.east_m, goal.north_m)
@@ -414,9 +418,7 @@ class Intents:
     def _goal(self, item: Item, ground_m: float) -> Goal:
         kind = _KINDS[item.command]
         is_global = item.frame in (dialect.MAV_FRAME_GLOBAL, dialect.MAV_FRAME_GLOBAL_INT)
-        radius_m = item.param2 if kind is GoalKind.WAYPOINT else 0.0
-        if kind is GoalKind.CIRCLE:
-            radius_m = item.param3 or _CIRCLE_RADIUS_M
+        radius_m = {GoalKind.WAYPOINT: item.param2, GoalKind.CIRCLE: item.param3}.get(kind, 0.0)
         is_timed = item.command == dialect.MAV_CMD_NAV_LOITER_TIME
         return Goal(
             kind,

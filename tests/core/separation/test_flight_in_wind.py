@@ -84,6 +84,14 @@ def test_a_hold_is_flown_where_it_is_predicted(east_m_s, px4):
     assert off_m.max() < 25.0
 
 
+@pytest.mark.parametrize(("px4", "parameter"), [((), "WP_LOITER_RAD"), ((1,), "NAV_LOITER_RAD")])
+def test_a_circle_without_a_radius_of_its_own_has_that_of_the_vehicle(px4, parameter):
+    field = FIELD.replace("loiter_radius_m = 60.0", "loiter_radius_m = 0.0")
+    sky = circling(field.replace("S = 1.0", f"S = 1.0, {parameter} = 110.0"), px4)
+    off_m = np.hypot(*(predicted(sky) - flown(sky)).T)
+    assert off_m.max() < 15.0
+
+
 @pytest.mark.parametrize("px4", [(), (1,)])
 def test_a_circle_in_thin_air_is_as_wide_as_the_firmware_flies_it(px4):
     """At 2,500 m ArduPlane flies a circle of 90 m with 116 m."""
