@@ -121,31 +121,42 @@ class Avoidances:
         t_ns = flights.t_ns
         ours = [vehicle for vehicle in encounter.vehicles if vehicle in self._agents]
         stacked = [route for v in ours if (route := self._agents[v].routes.stacked) is not None]
-        is_stacked = any(map(is_hold, stacked))
         if not self._is_enabled:
             return []
-        for vehicle in sorted(ours, key=self._height_m, reverse=True):
-            (number,) = (v for v in encounter.vehicles if v != vehicle)
-            may_stack = self._may_stack(vehicle, t_ns) and not is_stacked
-            route = None
-            if may_stack:
-                route = self._stacked.plan_hold(vehicle, flights)
-            elif number in self._agents and self._should_give_way(vehicle, number, t_ns):
-                route = self._clear_circle(vehicle, number, flights)
-            if route is None:
+        may_stack = [] if any(map(is_hold, stacked)) else [v for v in ours if self._may_stack(v, t_ns)]
+        for vehicle in sorted(may_stack, key=self._height_m, reverse=True):
+            other = _other(encounter, vehicle)
+            route = self._stacked.plan_hold(vehicle, flights)
+            if route is None or (other in self._agents and self._crosses(vehicle, other, self._end_m(route))):
                 continue
-            end_msl_m = float(route_heights_msl_m(route, self._base_msl_m, self._mission)[-1])
-            if may_stack and number in self._agents and self._crosses(vehicle, number, end_msl_m):
-                continue
-            parameters: dict[str, Parameter] = {
-                "other": self._air_traffic.name(number),
-                "height_m": end_msl_m - self._base_msl_m,
-            }
-            notice = Notice(t_ns, NoticeCode.CHANGES_LAYER, vehicle, parameters)
-            sent = self._stacked.send(route, t_ns)
-            flights.renew()
-            return [notice, *sent]
+            return self._send(route, other, flights)
+        return self.make_way(encounter, flights)
+
+    def make_way(self, encounter: Encounter, flights: PredictedFlights) -> list[Effect]:
+        """Send one that circles at its target to a circle clear of another one, which others steer."""
+        for vehicle in encounter.vehicles if self._is_enabled else ():
+            other = _other(encounter, vehicle)
+            is_pair = vehicle in self._agents and other in self._agents
+            if is_pair and self._should_give_way(vehicle, other, flights.t_ns):
+                route = self._clear_circle(vehicle, other, flights)
+                if route is not None:
+                    return self._send(route, other, flights)
         return []
+
+    def _send(self, route: Route, other: int, flights: PredictedFlights) -> list[Effect]:
+        """Send a vehicle to a circle that is clear of another one."""
+        parameters: dict[str, Parameter] = {
+            "other": self._air_traffic.name(other),
+            "height_m": self._end_m(route) - self._base_msl_m,
+        }
+        notice = Notice(flights.t_ns, NoticeCode.CHANGES_LAYER, route.vehicle, parameters)
+        sent = self._stacked.send(route, flights.t_ns)
+        flights.renew()
+        return [notice, *sent]
+
+    def _end_m(self, route: Route) -> float:
+        """Return the height above sea level at which a route ends."""
+        return float(route_heights_msl_m(route, self._base_msl_m, self._mission)[-1])
 
     def _clear_circle(self, vehicle: int, other: int, flights: PredictedFlights) -> Route | None:
         """Search for a circle that is clear of another vehicle, and note the search."""
@@ -185,8 +196,7 @@ class Avoidances:
             v: round(self._order_check.held_apart_m(v, encounter.vehicles, flights), -1) for v in inside
         }
         vehicle = max(inside, key=lambda v: (gains[v], apart_m[v], self._left_m(v), v))
-        (number,) = (v for v in encounter.vehicles if v != vehicle)
-        other = self._air_traffic.name(number)
+        other = self._air_traffic.name(_other(encounter, vehicle))
         avoidance = self._agents[vehicle].separation.avoidance = Avoidance(other, t_ns)
         parameters: dict[str, Parameter] = {"other": other, "after_s": encounter.after_s}
         notice = Notice(t_ns, NoticeCode.AVOIDS, vehicle, parameters)
@@ -445,6 +455,11 @@ class Avoidances:
         separation.avoidance = None
         other = "" if avoidance is None else avoidance.other
         return [Notice(t_ns, NoticeCode.AVOIDS_NO_LONGER, vehicle, {"other": other, "reason": reason})]
+
+
+def _other(encounter: Encounter, vehicle: int) -> int:
+    first, second = encounter.vehicles
+    return second if vehicle == first else first
 
 
 def _is_taken(agent: Agent) -> bool:

@@ -129,8 +129,6 @@ class SeparationMonitor:
         height_m = abs(first.alt_msl_m - second.alt_msl_m)
         is_lost = distance_m < self._min_m and height_m < LOST_SHARE * self._step_m
         stage = self._lost if is_lost else sum(encounter.after_s <= at_s for at_s in WARNING_TIMES_S)
-        if stage == 1 and encounter.distance_m > self._min_m:
-            return []  # far ahead, and only near as predictions go
         approach = self._state.approaches.get(encounter.vehicles)
         if approach is None:
             # An early warning needs a second look: courses in a turn mislead.
@@ -138,6 +136,9 @@ class SeparationMonitor:
             if stage == 1:
                 return []
         approach.seen_t_ns = t_ns
+        if stage == 1 and encounter.distance_m > self._min_m:
+            # Far ahead, and near only as predictions go: not told yet, but a new mission takes its time.
+            return self._avoidances.make_way(encounter, flights)
         if is_lost and (approach.nearest_m is None or distance_m < approach.nearest_m):
             approach.nearest_m = distance_m
             approach.nearest_height_m = height_m

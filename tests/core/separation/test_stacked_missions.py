@@ -408,13 +408,13 @@ def at_target(px4=(), terrain="", begin_m=(200.0, 200.0)):
     return fly_on(sky, 10.0)
 
 
-@pytest.mark.parametrize("px4", [(), (1, 2)])
-def test_one_that_circles_at_its_target_makes_way_for_one_that_a_failsafe_returns(px4):
+@pytest.mark.parametrize(("px4", "begin_m"), [((), 1155.0), ((1, 2), 1170.0)])
+def test_one_that_circles_at_its_target_makes_way_for_one_that_a_failsafe_returns(px4, begin_m):
     """A hold helps neither. Before, it circled on, and the other one came within 30 m at its height."""
     sky = at_target(px4)
     one, other = sky.planes[1], sky.planes[2]
     other.autopilot.home = replace(other.autopilot.home, east_m=1500.0, north_m=2600.0)
-    place(other, 1500.0, 1150.0, one.alt_rel_m)
+    place(other, 1500.0, begin_m, one.alt_rel_m)
     other.autopilot.set_mode(Mode.RTL)
     fly_on(sky, 60.0)
     ((_, notice),) = sky.told(NoticeCode.CHANGES_LAYER)
@@ -434,11 +434,16 @@ def test_one_that_circles_at_its_target_makes_way_for_one_that_a_failsafe_return
     assert not sky.near_s
 
 
-@pytest.mark.parametrize("px4", [(), (1, 2)])
-def test_a_radio_that_fails_in_the_upload_for_a_vehicle_that_makes_way_leaves_it_on_one_whole_mission(px4):
+@pytest.mark.parametrize(
+    ("px4", "begin_m"), [((), 930.0), ((), 975.0), ((), 1020.0), ((1, 2), 930.0), ((1, 2), 1050.0)]
+)
+def test_a_radio_that_fails_in_the_upload_for_a_vehicle_that_makes_way_leaves_it_on_one_whole_mission(
+    px4, begin_m
+):
+    """Before, from 8 of 28 places to begin they came near each other: the mission was sent only 10 s before."""
     sky = at_target(px4, begin_m=(1500.0, 2600.0))
     one, other = sky.planes[1], sky.planes[2]
-    place(other, 1500.0, 930.0, one.alt_rel_m)
+    place(other, 1500.0, begin_m, one.alt_rel_m)
     other.autopilot.set_mode(Mode.RTL)
     for _ in range(100):
         fly_on(sky, 0.4)
