@@ -241,7 +241,8 @@ class Px4Autopilot(Autopilot):
         ground_m = self.home.alt_m + height_m
         self._descent_m = ground_m + self.parameters["RTL_DESCEND_ALT"]
         alt_m = ground_m + self.parameters["RTL_RETURN_ALT"]
-        self._fly(self._circle(east_m, north_m), max(self.airframe.alt_rel_m, alt_m))
+        circle = self._circle(east_m, north_m, self.parameters["RTL_LOITER_RAD"])
+        self._fly(circle, max(self.airframe.alt_rel_m, alt_m))
 
     def _descend(self) -> None:
         """Descend in the circle at the end of a return, once it is reached."""

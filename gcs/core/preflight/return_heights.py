@@ -41,11 +41,11 @@ _DESCENT: Final = "RTL_DESCEND_ALT"
 """Height of the circle in which the return of a PX4 ends."""
 _DESCENT_M: Final = 100.0
 """Its default on fixed-wing vehicles (PX4, ROMFS/px4fmu_common/init.d/rc.fw_defaults)."""
-_LOITER_RADII: Final = frozenset({"WP_LOITER_RAD", "NAV_LOITER_RAD"})
-_HEARD: Final = frozenset({*_UNITS_PER_M, _TYPE, _DESCENT, *_LOITER_RADII})
+_RADII: Final = frozenset({"WP_LOITER_RAD", "RTL_RADIUS", "NAV_LOITER_RAD", "RTL_LOITER_RAD"})
+_HEARD: Final = frozenset({*_UNITS_PER_M, _TYPE, _DESCENT, *_RADII})
 """Parameters that are kept."""
 _RADII_M: Final = (5.0, 1000.0)
-"""Minimum and maximum loiter radius that is accepted from a vehicle."""
+"""Minimum and maximum radius of a circle that is accepted from a vehicle."""
 _MAX_VALUE: Final = 1e6
 """Greater values are not those of a return height."""
 _TOLERANCE_M: Final = 0.5
@@ -154,7 +154,7 @@ class ReturnHeightMonitor:
         returns = agent.returns
         if profile is None or not agent.link.has_telemetry or t_ns < returns.next_request_t_ns:
             return []
-        circles = (*profile.return_circle_parameters[:1], profile.loiter_parameter)
+        circles = (*profile.return_circle_parameters[:1], *profile.radius_parameters)
         names = (*profile.return_parameters, *circles)
         is_known = not returns.parameters.keys().isdisjoint(_UNITS_PER_M)
         if is_known and returns.parameters.keys() >= {_TYPE, *circles} & set(names):
@@ -196,13 +196,19 @@ class ReturnHeightMonitor:
             return None
         return self._agents[vehicle].returns.parameters.get(_DESCENT, _DESCENT_M)
 
-    def loiter_radius_m(self, vehicle: int) -> float | None:
-        """Return the vehicle's loiter radius in metres, negative to the left; None if it was not heard."""
+    def circle_radius_m(self, vehicle: int, *, in_return: bool = False) -> float | None:
+        """Return the radius of a vehicle's circles in LOITER, or RTL; None if it was not heard.
+
+        In metres, negative for circles to the left.
+        """
         profile = self._fleet.profile(vehicle)
         if profile is None:
             return None
-        radius_m = self._agents[vehicle].returns.parameters.get(profile.loiter_parameter, 0.0)
-        return radius_m if _RADII_M[0] <= abs(radius_m) <= _RADII_M[1] else None
+        values = self._agents[vehicle].returns.parameters
+        loiter, return_ = (values.get(name) for name in profile.radius_parameters)
+        radius_m = (return_ or loiter) if in_return and return_ is not None else loiter
+        is_usable = radius_m is not None and _RADII_M[0] <= abs(radius_m) <= _RADII_M[1]
+        return radius_m if is_usable else None
 
     def lands_by_mission(self, vehicle: int) -> bool:
         """Return True if a vehicle that returns flies to the landing of its mission, if that has one."""

@@ -306,16 +306,19 @@ class Intents:
             seen.first_climb = None
         seen.mode = state.mode
 
-    def _circle_radius_m(self, vehicle: int, height_msl_m: float) -> float:
-        """Return the radius of a circle in LOITER and RTL: as the last one, or as the vehicle's parameter."""
+    def _circle_radius_m(self, vehicle: int, height_msl_m: float, *, in_return: bool = False) -> float:
+        """Return the radius of a circle in LOITER or RTL: as the vehicle's parameter, or as the last one."""
+        told_m = self._return_heights.circle_radius_m(vehicle, in_return=in_return)
         seen_m = self._agents[vehicle].separation.radius_m
-        if seen_m:
+        if told_m is None and seen_m:
             return commanded_radius_m(seen_m, self._airframes[vehicle].speed_m_s)
-        return self._wide_m(vehicle, self._own_radius_m(vehicle), height_msl_m)
+        return self._wide_m(vehicle, told_m or _CIRCLE_RADIUS_M, height_msl_m)
 
-    def _own_radius_m(self, vehicle: int) -> float:
-        """Return the radius of circles for which none is commanded."""
-        return self._return_heights.loiter_radius_m(vehicle) or _CIRCLE_RADIUS_M
+    def _mission_radius_m(self, vehicle: int, circle: Goal) -> float:
+        """Return the radius of a circle of a mission; one without a radius is flown as in LOITER."""
+        if circle.radius_m:
+            return self._wide_m(vehicle, circle.radius_m, circle.height_m)
+        return self._circle_radius_m(vehicle, circle.height_m)
 
     def _wide_m(self, vehicle: int, radius_m: float, height_msl_m: float) -> float:
         """Return the radius by which a commanded circle is flown: in thin air ArduPlane widens it."""
@@ -373,7 +376,7 @@ class Intents:
             height_m = max(height_m, ground_m + rally_m) if known is None else height_m
         if profile is not None and profile.atomic:  # PX4 returns no lower than it is
             height_m = max(height_m, state.alt_msl_m)
-        radius_m = self._circle_radius_m(state.system_id, height_m)
+        radius_m = self._circle_radius_m(state.system_id, height_m, in_return=True)
         end_m = self._return_heights.circle_height_m(state.system_id)
         away_m = math.dist((state.east_m, state.north_m), (east_m, north_m))
         if end_m is None:
@@ -409,8 +412,7 @@ class Intents:
             if item.command in _KINDS:
                 goal = self._goal(item, ground_m)
                 if goal.kind is GoalKind.CIRCLE:
-                    commanded_m = goal.radius_m or self._own_radius_m(state.system_id)
-                    goal = replace(goal, radius_m=self._wide_m(state.system_id, commanded_m, goal.height_m))
+                    goal = replace(goal, radius_m=self._mission_radius_m(state.system_id, goal))
                 yield goal
                 left_m -= math.dist(place_m, (goal.east_m, goal.north_m))
                 place_m = (goal.east_m, goal.north_m)

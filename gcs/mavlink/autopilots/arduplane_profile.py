@@ -165,7 +165,7 @@ ARDUPLANE: Final = AutopilotProfile(
     ceiling_parameter="FENCE_ALT_MAX",
     return_parameters=("RTL_ALTITUDE", "ALT_HOLD_RTL"),
     return_circle_parameters=(),
-    loiter_parameter="WP_LOITER_RAD",
+    radius_parameters=("WP_LOITER_RAD", "RTL_RADIUS"),
     return_heights=_return_heights,
 )
 """Profile of ArduPlane, tested with 4.7."""

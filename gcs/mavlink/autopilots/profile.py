@@ -128,8 +128,8 @@ class AutopilotProfile:
     """Parameters that `return_heights` reads, the newest name first."""
     return_circle_parameters: tuple[str, ...]
     """Height above home, and radius, of the circle in which a return ends; empty if it keeps its height."""
-    loiter_parameter: str
-    """Parameter of the loiter radius, in LOITER and RTL; ArduPlane's is negative for circles to the left."""
+    radius_parameters: tuple[str, str]
+    """Radius of circles in LOITER, and in RTL; 0 in RTL: as in LOITER. Negative for circles to the left."""
     return_heights: Callable[[Mapping[str, float], Sequence[float]], Sequence[PossibleReturn]]
     """Returns the possible return heights, from parameters and the heights of rally points. The height at a
     rally point is the first."""

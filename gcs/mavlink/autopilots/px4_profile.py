@@ -125,7 +125,7 @@ PX4: Final = AutopilotProfile(
     ceiling_parameter="GF_MAX_VER_DIST",
     return_parameters=("RTL_RETURN_ALT", "RTL_TYPE"),
     return_circle_parameters=("RTL_DESCEND_ALT", "RTL_LOITER_RAD"),
-    loiter_parameter="NAV_LOITER_RAD",
+    radius_parameters=("NAV_LOITER_RAD", "RTL_LOITER_RAD"),
     return_heights=_return_heights,
 )
 """Profile of PX4 as an aeroplane."""

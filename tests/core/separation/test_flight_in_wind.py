@@ -68,11 +68,11 @@ def test_a_circle_in_wind_is_flown_fast_downwind_and_slowly_upwind(px4):
     assert np.max(off_m) < 40.0  # 150 m before
 
 
-@pytest.mark.parametrize("px4", [(), (1,)])
+@pytest.mark.parametrize(("px4", "parameter"), [((), "WP_LOITER_RAD"), ((1,), "NAV_LOITER_RAD")])
 @pytest.mark.parametrize("east_m_s", [0.0, -6.0])
-def test_a_hold_is_flown_where_it_is_predicted(east_m_s, px4):
+def test_a_hold_is_flown_where_it_is_predicted(east_m_s, px4, parameter):
     """From its centre a vehicle flies out before it turns, by the radius that its parameter sets."""
-    field = windy(east_m_s).replace("S = 1.0", "S = 1.0, WP_LOITER_RAD = 80.0")
+    field = windy(east_m_s).replace("S = 1.0", f"S = 1.0, {parameter} = 90.0")
     sky = Sky((1500.0, 1500.0, 60.0), field=field, px4=px4, courses_deg=[90.0])
     while sky.planes[1].autopilot.mode is not Mode.AUTO:
         fly_on(sky, 0.4)
@@ -88,6 +88,22 @@ def test_a_hold_is_flown_where_it_is_predicted(east_m_s, px4):
 def test_a_circle_without_a_radius_of_its_own_has_that_of_the_vehicle(px4, parameter):
     field = FIELD.replace("loiter_radius_m = 60.0", "loiter_radius_m = 0.0")
     sky = circling(field.replace("S = 1.0", f"S = 1.0, {parameter} = 110.0"), px4)
+    off_m = np.hypot(*(predicted(sky) - flown(sky)).T)
+    assert off_m.max() < 15.0
+
+
+@pytest.mark.parametrize(("px4", "parameter"), [((), "RTL_RADIUS"), ((1,), "RTL_LOITER_RAD")])
+def test_a_return_ends_in_a_circle_with_the_radius_of_returns(px4, parameter):
+    """Not with that of LOITER, which the vehicle flew before."""
+    field = windy(0.0).replace("S = 1.0", f"S = 1.0, {parameter} = 120.0")
+    sky = Sky((1500.0, 1500.0, 60.0), field=field, px4=px4, courses_deg=[90.0])
+    plane = sky.planes[1]
+    while plane.autopilot.mode is not Mode.AUTO:
+        fly_on(sky, 0.4)
+    plane.autopilot.set_mode(Mode.LOITER)
+    fly_on(sky, 40.0)
+    plane.autopilot.set_mode(Mode.RTL)
+    fly_on(sky, 5.0)
     off_m = np.hypot(*(predicted(sky) - flown(sky)).T)
     assert off_m.max() < 15.0
 
