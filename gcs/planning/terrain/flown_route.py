@@ -1,7 +1,7 @@
 """Simulated flight along a terrain route, planned again with a wider margin until it stays in the band.
 
 The vehicle cuts corners, overshoots and follows its legs late (`gcs.planning.mission_flight`). Its height
-is that of the leg it flies, linear between the two waypoints. A route is planned in a band above all
+is that of the leg it flies, linear between the two waypoints, as it was `HEIGHT_LAG_S` before. A route is planned in a band above all
 ground within a tracking margin; its flight is checked against the ground below it. Where it leaves the
 band by more than is allowed, the route is planned again with a wider margin.
 """
@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from gcs.model import FloatArray
-from gcs.planning.forward_simulation import LoiterCircle, Motion, RemainingMission
+from gcs.planning.forward_simulation import STEP_S, LoiterCircle, Motion, RemainingMission
 from gcs.planning.map.grid import Point
 from gcs.planning.mission_flight import simulate_mission
 from gcs.planning.path.turns import TurnAnticipation
@@ -28,6 +28,9 @@ MARGINS_M: Final = (15.0, 40.0)
 """Tracking margins to plan with, the least one first."""
 ALLOWED_M: Final = 3.0
 """Distance by which a simulated flight may leave the band."""
+
+HEIGHT_LAG_S: Final = 3.0
+"""Time by which a vehicle follows the height of its leg late: in a climb of 2 m/s it is 6 m below (TECS)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +84,9 @@ def fly_route(
     share = ((places - points[leg]) * along).sum(axis=1) / np.maximum((along * along).sum(axis=1), 1e-9)
     share = np.where(passed < len(waypoints), np.clip(share, 0.0, 1.0), 1.0)
     heights = route.heights_msl_m
-    return places, heights[leg] + share * (heights[leg + 1] - heights[leg])
+    wanted_m = heights[leg] + share * (heights[leg + 1] - heights[leg])
+    late = np.maximum(np.arange(len(places)) - round(HEIGHT_LAG_S / STEP_S), 0)
+    return places, wanted_m[late]
 
 
 def worst_departure_m(
