@@ -99,7 +99,7 @@ def test_commands_are_found_in_fenced_and_indented_blocks() -> None:
     assert "gcs demo" in shown_commands(ROOT / "README.md")
 
 
-NEEDS_A_SERVICE = "needs a running service; those of tutorials: tests/system/test_tutorials.py"
+NEEDS_A_SERVICE = "needs a running service; tests/system/test_tutorials.py and test_guides.py"
 NEEDS_VEHICLES = "needs vehicles, or their autopilot on a cable"
 NOT_RUN = {
     "gcs demo": "flies for minutes; tests/system",

@@ -1,9 +1,9 @@
 """Simulated flight along a terrain route, planned again with a wider margin until it stays in the band.
 
 The vehicle cuts corners, overshoots and follows its legs late (`gcs.planning.mission_flight`). Its height
-is that of the leg it flies, linear between the two waypoints, as it was `HEIGHT_LAG_S` before. A route is planned in a band above all
-ground within a tracking margin; its flight is checked against the ground below it. Where it leaves the
-band by more than is allowed, the route is planned again with a wider margin.
+is that of the leg it flies, linear between the two waypoints, as it was `HEIGHT_LAG_S` before. A route is
+planned in a band above all ground within a tracking margin; its flight is checked against the ground below
+it. Where it leaves the band by more than is allowed, the route is planned again with a wider margin.
 """
 
 from __future__ import annotations

@@ -440,7 +440,7 @@ def test_one_that_circles_at_its_target_makes_way_for_one_that_a_failsafe_return
 def test_a_radio_that_fails_in_the_upload_for_a_vehicle_that_makes_way_leaves_it_on_one_whole_mission(
     px4, begin_m
 ):
-    """Before, from 8 of 28 places to begin they came near each other: the mission was sent only 10 s before."""
+    """Before, from 8 of 28 places to begin they came near: the mission was sent only 10 s before."""
     sky = at_target(px4, begin_m=(1500.0, 2600.0))
     one, other = sky.planes[1], sky.planes[2]
     place(other, 1500.0, begin_m, one.alt_rel_m)
