@@ -621,9 +621,9 @@ class NoticeCode(TableCode):
     MISSION_WAITS = _vehicle(
         "mission-waits",
         _W,
-        "its new mission waits, it {reason}: it is uploaded when they are apart",
-        "from its present place and height it would lead the vehicle near another one",
-        "wait: it is uploaded after a minute at the latest",
+        "its new mission waits, it {reason}: it is uploaded when that is over, in a minute at the latest",
+        "from its present place and height it would lead the vehicle near another one, or below the flight band",
+        "wait: until then the vehicle flies on as before",
     )
     ORDER_WAITS = _vehicle(
         "order-waits",

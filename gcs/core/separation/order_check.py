@@ -41,7 +41,7 @@ from gcs.planning.route_progress import points_within
 _MIN_POINTS: Final = 8
 """Points of a new mission that count, or more if these are flown in less than `LOOK_AHEAD_S`."""
 _OFF_BAND_M: Final = 5.0
-"""Distance by which a hold may leave the flight band."""
+"""Distance by which a hold, or the begin of a mission, may leave the flight band."""
 LAST_OFF_BAND_M: Final = (10.0, 10.0)
 """Distances by which it may go below and above the band if a hold later would lead farther below, or late."""
 LATE_OFF_BAND_M: Final = (10.0, math.inf)
@@ -229,7 +229,9 @@ class OrderCheck:
         return self.intents.return_warning(vehicles)
 
     def mission_problem(self, route: Route, uploading: Mapping[int, Route], t_ns: int) -> str:
-        """Return which vehicle a new mission would at once lead one in the air near to; empty if none.
+        """Return what a new mission would at once lead a vehicle in the air near to; empty if to nothing.
+
+        That is another vehicle, or the ground: below the flight band, and farther than the present flight.
 
         Parameters
         ----------
@@ -244,6 +246,9 @@ class OrderCheck:
             return ""
         present = self.intents.flight(state, t_ns)
         led = self._led(state, route, t_ns)
+        below_m = self._off_band_m(led, _CLIMB_LAG_S)[0]
+        if below_m > max(_OFF_BAND_M, self._off_band_m(present)[0]):
+            return f"would begin {below_m:.0f} m below the flight band"
         others = [self.intents.flight(one, t_ns) for one in near.values()]
         others += self._air_traffic.flights(t_ns)
         begun = [self._led(near[v], one, t_ns) for v, one in uploading.items() if v in near]

@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.hills import elevation_of, hill
 from helpers.sky import Sky, fly_on, place
 
+from gcs.config.schema import TerrainTable
 from gcs.core.separation import mission_traffic
 from gcs.core.separation.forward_flight import Flight, Goal, GoalKind
 from gcs.core.tasking.tasking_state import QueuedRoute
@@ -84,6 +86,23 @@ def test_a_new_mission_waits_for_one_that_another_vehicle_is_getting(sky):
     check = sky.run_.engine.stages.mission_traffic._order_check
     assert not check.mission_problem(route, {}, sky.run_.t_ns)
     assert "agent 2" in check.mission_problem(route, {2: towards}, sky.run_.t_ns)
+
+
+def test_a_new_mission_waits_while_its_begin_leads_over_ground_that_is_too_high(sky):
+    """From its circle a vehicle turned over higher ground, 10 m below the band; 5 s later it need not."""
+    engine, route = sky.run_.engine, higher(sky)
+    place(sky.planes[2], 100.0, 100.0, 80.0)
+    fly_on(sky, 6.0)
+    check = engine.stages.mission_traffic._order_check
+    assert not check.mission_problem(route, {}, sky.run_.t_ns)
+    here = sky.planes[1].airframe
+    ahead = np.array((np.sin(here.heading_rad), np.cos(here.heading_rad)))
+    aside_m = np.array((here.east_m, here.north_m)) + 150.0 * np.array((ahead[1], -ahead[0]))
+    check._ground._terrain = TerrainTable(file="ground.tif", min_agl_m=50.0, max_agl_m=150.0)
+    check._ground._elevation = elevation_of(hill(*aside_m, 60.0, 40.0, 70.0), 3000.0)
+    assert not check.mission_problem(higher(sky), {}, sky.run_.t_ns)
+    turns = replace(route, points_m=read_only([aside_m, aside_m + 300.0]))
+    assert check.mission_problem(turns, {}, sky.run_.t_ns).endswith("m below the flight band")
 
 
 def test_a_mission_does_not_follow_a_vehicle_that_the_present_circle_leaves(sky):
