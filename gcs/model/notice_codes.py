@@ -622,7 +622,7 @@ class NoticeCode(TableCode):
         "mission-waits",
         _W,
         "its new mission waits, it {reason}: it is uploaded when that is over, in a minute at the latest",
-        "from its present place and height it would lead the vehicle near another one, or below the flight band",
+        "from its present place and height it would lead the vehicle near another one, or too low",
         "wait: until then the vehicle flies on as before",
     )
     ORDER_WAITS = _vehicle(

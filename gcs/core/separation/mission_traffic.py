@@ -5,8 +5,8 @@ Layers separate vehicles only once they are in them. The upload waits while the 
 near another one at once, and its present flight would not, or would only for a moment. Missions that others
 are getting at the time count, too. Of vehicles that are near each other already, one after the other begins
 its climb. Over terrain a mission waits, too, while its begin would lead below the flight band: from another
-place on a circle the vehicle turns over lower ground. At most `MAX_CHECKS` missions are checked at a time, those first that were not checked yet: with
-hundreds of vehicles nothing else would happen meanwhile.
+place on a circle the vehicle turns over lower ground. At most `MAX_CHECKS` missions are checked at a time,
+those first that were not checked yet: with hundreds of vehicles nothing else would happen meanwhile.
 """
 
 from __future__ import annotations
