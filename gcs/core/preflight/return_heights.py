@@ -206,7 +206,7 @@ class ReturnHeightMonitor:
             return None
         values = self._agents[vehicle].returns.parameters
         loiter, return_ = (values.get(name) for name in profile.radius_parameters)
-        radius_m = (return_ or loiter) if in_return and return_ is not None else loiter
+        radius_m = (return_ or loiter) if in_return else loiter
         is_usable = radius_m is not None and _RADII_M[0] <= abs(radius_m) <= _RADII_M[1]
         return radius_m if is_usable else None
 

@@ -133,7 +133,7 @@ class Avoidances:
         return self.make_way(encounter, flights)
 
     def make_way(self, encounter: Encounter, flights: PredictedFlights) -> list[Effect]:
-        """Send one that circles at its target to a circle clear of another one, which others steer."""
+        """Send a vehicle at its target out of the way of one in RTL, a failsafe or a pilot's hands."""
         for vehicle in encounter.vehicles if self._is_enabled else ():
             other = _other(encounter, vehicle)
             is_pair = vehicle in self._agents and other in self._agents

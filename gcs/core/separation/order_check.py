@@ -247,7 +247,7 @@ class OrderCheck:
         present = self.intents.flight(state, t_ns)
         led = self._led(state, route, t_ns)
         below_m = self._off_band_m(led, _CLIMB_LAG_S)[0]
-        if below_m > max(_OFF_BAND_M, self._off_band_m(present)[0]):
+        if below_m > _OFF_BAND_M and below_m > self._off_band_m(present)[0]:
             return f"would begin {below_m:.0f} m below the flight band"
         others = [self.intents.flight(one, t_ns) for one in near.values()]
         others += self._air_traffic.flights(t_ns)

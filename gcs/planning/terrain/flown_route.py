@@ -1,7 +1,7 @@
 """Simulated flight along a terrain route, planned again with a wider margin until it stays in the band.
 
 The vehicle cuts corners, overshoots and follows its legs late (`gcs.planning.mission_flight`). Its height
-is that of the leg it flies, linear between the two waypoints, as it was `HEIGHT_LAG_S` before. A route is
+is that of the leg it flies, linear between the two waypoints, and followed `HEIGHT_LAG_S` late. A route is
 planned in a band above all ground within a tracking margin; its flight is checked against the ground below
 it. Where it leaves the band by more than is allowed, the route is planned again with a wider margin.
 """
@@ -28,9 +28,8 @@ MARGINS_M: Final = (15.0, 40.0)
 """Tracking margins to plan with, the least one first."""
 ALLOWED_M: Final = 3.0
 """Distance by which a simulated flight may leave the band."""
-
 HEIGHT_LAG_S: Final = 3.0
-"""Time by which a vehicle follows the height of its leg late: in a climb of 2 m/s it is 6 m below (TECS)."""
+"""Delay with which a vehicle follows the height of its leg: in a climb of 2 m/s it is 6 m below (TECS)."""
 
 
 @dataclass(frozen=True, slots=True)
