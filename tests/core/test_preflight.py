@@ -324,6 +324,21 @@ def test_a_rally_point_whose_circle_crosses_the_fence_is_refused():
         assert row.code is code
 
 
+@pytest.mark.parametrize(
+    ("autopilot", "names"),
+    [("ardupilot", ("WP_LOITER_RAD", "RTL_RADIUS")), ("px4", ("NAV_LOITER_RAD", "RTL_LOITER_RAD"))],
+)
+def test_the_circle_at_a_rally_point_has_the_radius_of_the_return(autopilot, names):
+    """On ArduPlane RTL_RADIUS was not asked for, and circles wider than 80 m crossed the fence unnoticed."""
+    area = "fence.areas=[{kind='exclusion', circle=[33.21, -87.58, 50.0]}]"
+    middle_m = np.array(mission().local_frame.to_local(33.21, -87.58))
+    config = mission(area, rally_at(mission(), middle_m + np.array((400.0, 0.0))))
+    for return_m, code in ((100.0, CheckCode.RALLY_CIRCLE), (-300.0, CheckCode.RALLY_BEYOND_FENCE)):
+        radii = dict(zip(names, (60.0, return_m), strict=True))
+        row = inspected(config, autopilot=autopilot, parameters=GOOD | radii)["rally point 1"]
+        assert (row.code, row.parameters["radius_m"]) == (code, abs(return_m))
+
+
 @pytest.mark.parametrize(("alt_rel_m", "code"), [(70, "rally-near-obstacle"), (110, "rally-circle")])
 def test_a_rally_point_whose_circle_meets_an_obstacle_at_its_height_is_refused(alt_rel_m, code):
     rally = rally_at(mission(), (830.0, 1850.0), alt_rel_m=alt_rel_m)

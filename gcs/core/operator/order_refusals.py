@@ -119,7 +119,7 @@ class OrderRefusals:
             return f"is in {state.mode}: its pilot has to give it back"
         height_m = self._fleet.height_m(state)
         profile = self._fleet.profile(state.system_id)
-        circles = profile is not None and profile.return_circle_parameters and state.mode == RTL
+        circles = profile is not None and profile.return_circle_parameter and state.mode == RTL
         is_level = state.climb_m_s > -_LEVEL_M_S and not self._stacked.lands(state.system_id)
         least_m = _LEVEL_HEIGHT_M if circles and is_level else MIN_RESUME_HEIGHT_M
         low = height_m < min(least_m, 0.5 * self._tasking.altitude_rel_m)

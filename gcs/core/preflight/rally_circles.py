@@ -1,7 +1,8 @@
 """Circles round rally points, in which returns end: above the ground, inside the fence, clear of obstacles.
 
-ArduPlane circles at the height of the rally point, PX4 descends to RTL_DESCEND_ALT above it. In wind circles
-are up to a fifth wider. Straight returns to the points are not checked here.
+ArduPlane circles at the height of the rally point, with RTL_RADIUS. PX4 descends to RTL_DESCEND_ALT above it, and
+circles with RTL_LOITER_RAD. In wind circles are up to a fifth wider. Straight returns to the points are not
+checked here.
 """
 
 from __future__ import annotations
@@ -59,10 +60,9 @@ class RallyCircles:
         self._profile = profile
         self._values = values
         self._home_msl_m = home_msl_m
-        end_m, radius_m = (values.get(name, 0.0) for name in profile.return_circle_parameters or ("", ""))
-        self._end_m = end_m
-        least_m = config.airframes_of_agents[vehicle].turn_radius_m
-        self._radius_m = max(abs(radius_m) or UNKNOWN_LOITER_RADIUS_M, least_m)
+        self._end_m = values.get(profile.return_circle_parameter, 0.0)
+        radius_m = profile.circle_radius_m(values, in_return=True) or UNKNOWN_LOITER_RADIUS_M
+        self._radius_m = max(abs(radius_m), config.airframes_of_agents[vehicle].turn_radius_m)
 
     def checks(self) -> Iterator[Check]:
         """Yield what stands against each rally point of the mission file, or that nothing does."""

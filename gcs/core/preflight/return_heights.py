@@ -154,8 +154,8 @@ class ReturnHeightMonitor:
         returns = agent.returns
         if profile is None or not agent.link.has_telemetry or t_ns < returns.next_request_t_ns:
             return []
-        circles = (*profile.return_circle_parameters[:1], *profile.radius_parameters)
-        names = (*profile.return_parameters, *circles)
+        circles = (profile.return_circle_parameter, *profile.radius_parameters)
+        names = [name for name in (*profile.return_parameters, *circles) if name]
         is_known = not returns.parameters.keys().isdisjoint(_UNITS_PER_M)
         if is_known and returns.parameters.keys() >= {_TYPE, *circles} & set(names):
             return []
@@ -192,7 +192,7 @@ class ReturnHeightMonitor:
     def circle_height_m(self, vehicle: int) -> float | None:
         """Return the height above home to which a return descends at its end; None: it does not descend."""
         profile = self._fleet.profile(vehicle)
-        if profile is None or _DESCENT not in profile.return_circle_parameters:
+        if profile is None or not profile.return_circle_parameter:
             return None
         return self._agents[vehicle].returns.parameters.get(_DESCENT, _DESCENT_M)
 
@@ -204,9 +204,7 @@ class ReturnHeightMonitor:
         profile = self._fleet.profile(vehicle)
         if profile is None:
             return None
-        values = self._agents[vehicle].returns.parameters
-        loiter, return_ = (values.get(name) for name in profile.radius_parameters)
-        radius_m = (return_ or loiter) if in_return else loiter
+        radius_m = profile.circle_radius_m(self._agents[vehicle].returns.parameters, in_return=in_return)
         is_usable = radius_m is not None and _RADII_M[0] <= abs(radius_m) <= _RADII_M[1]
         return radius_m if is_usable else None
 

@@ -439,13 +439,12 @@ class VehicleChecks:
         """Check that the circle in which a return ends keeps above the ground."""
         assert self._query.profile is not None
         assert self._config.terrain is not None
-        names = self._query.profile.return_circle_parameters
-        values = [self._query.values[name] for name in names if name in self._query.values]
-        if len(values) < 2:
+        parameter = self._query.profile.return_circle_parameter
+        height_m = self._query.values.get(parameter)
+        radius_m = self._query.profile.circle_radius_m(self._query.values, in_return=True)
+        if height_m is None or radius_m is None:
             return
-        height_m = values[0]
-        radius_m = abs(values[1])
-        ground_m = elevation.heights_at(home_m + radius_m * DISC)
+        ground_m = elevation.heights_at(home_m + abs(radius_m) * DISC)
         if not np.isfinite(ground_m).any():
             return
         needed_m = float(np.nanmax(ground_m)) - home_msl_m + self._config.terrain.flown_min_agl_m
@@ -453,8 +452,8 @@ class VehicleChecks:
             yield self._found(
                 CheckCode.RETURN_CIRCLE_INTO_GROUND,
                 height_m=height_m,
-                parameter=names[0],
-                radius_m=radius_m,
+                parameter=parameter,
+                radius_m=abs(radius_m),
                 min_height_m=math.ceil(needed_m),
             )
 

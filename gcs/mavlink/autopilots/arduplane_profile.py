@@ -164,7 +164,7 @@ ARDUPLANE: Final = AutopilotProfile(
     fence_limits=_fence_limits,
     ceiling_parameter="FENCE_ALT_MAX",
     return_parameters=("RTL_ALTITUDE", "ALT_HOLD_RTL"),
-    return_circle_parameters=(),
+    return_circle_parameter="",
     radius_parameters=("WP_LOITER_RAD", "RTL_RADIUS"),
     return_heights=_return_heights,
 )

@@ -126,13 +126,21 @@ class AutopilotProfile:
     """Parameter of a fence's greatest height, in metres above home."""
     return_parameters: tuple[str, ...]
     """Parameters that `return_heights` reads, the newest name first."""
-    return_circle_parameters: tuple[str, ...]
-    """Height above home, and radius, of the circle in which a return ends; empty if it keeps its height."""
+    return_circle_parameter: str
+    """Height above home of the circle in which a return ends; empty if it keeps its height."""
     radius_parameters: tuple[str, str]
     """Radius of circles in LOITER, and in RTL; 0 in RTL: as in LOITER. Negative for circles to the left."""
     return_heights: Callable[[Mapping[str, float], Sequence[float]], Sequence[PossibleReturn]]
     """Returns the possible return heights, from parameters and the heights of rally points. The height at a
     rally point is the first."""
+
+    def circle_radius_m(self, values: Mapping[str, float], *, in_return: bool = False) -> float | None:
+        """Return the radius of circles in LOITER, or in RTL, in metres; negative for circles to the left.
+
+        None if the parameters `values` do not tell it.
+        """
+        loiter_m, return_m = (values.get(name) for name in self.radius_parameters)
+        return (return_m or loiter_m) if in_return else loiter_m
 
     # ------------------------------------------------------------ modes
 

@@ -124,7 +124,7 @@ PX4: Final = AutopilotProfile(
     fence_limits=_fence_limits,
     ceiling_parameter="GF_MAX_VER_DIST",
     return_parameters=("RTL_RETURN_ALT", "RTL_TYPE"),
-    return_circle_parameters=("RTL_DESCEND_ALT", "RTL_LOITER_RAD"),
+    return_circle_parameter="RTL_DESCEND_ALT",
     radius_parameters=("NAV_LOITER_RAD", "RTL_LOITER_RAD"),
     return_heights=_return_heights,
 )

@@ -183,7 +183,7 @@ class PreflightQuery:
         yield from (wish.all_names for wish in wishes)
         known = {name for wish in wishes for name in wish.all_names}
         more = [*self.profile.fence_parameters, self.profile.altitude_reference_parameter]
-        more += self.profile.return_circle_parameters if self._envelope.follows_terrain else ()
+        more += [self.profile.return_circle_parameter, *self.profile.radius_parameters]
         yield from ((name,) for name in more if name and name not in known)
 
     def _is_bytewise(self) -> bool:
