@@ -1,8 +1,8 @@
 """Circles round rally points, in which returns end: above the ground, inside the fence, clear of obstacles.
 
-ArduPlane circles at the height of the rally point, with RTL_RADIUS. PX4 descends to RTL_DESCEND_ALT above it, and
-circles with RTL_LOITER_RAD. In wind circles are up to a fifth wider. Straight returns to the points are not
-checked here.
+ArduPlane circles at the height of the rally point, with RTL_RADIUS. PX4 descends to RTL_DESCEND_ALT above
+it, and circles with RTL_LOITER_RAD. In wind circles are up to a fifth wider. Straight returns to the points
+are not checked here.
 """
 
 from __future__ import annotations
