@@ -288,6 +288,19 @@ def test_a_px4_whose_return_ends_in_a_circle_into_a_hill_beside_home_is_refused(
     assert name not in inspected(config, parameters=GOOD)
 
 
+def test_an_arduplane_that_circles_at_home_into_a_hill_is_refused():
+    """The way home was checked, and the circle at its end was not."""
+    text = read_text("prescribed")[0] + terrain_table(
+        elevation_of(hill(160.0, 80.0, 90.0, 40.0, 70.0), 2000.0)
+    )
+    config = parse(text, "hill.toml")
+    low = GOOD | {"RTL_ALTITUDE": 60.0, "WP_LOITER_RAD": 90.0}
+    found = inspected(config, parameters=low)["return height"]
+    assert (found.code, found.level) == (CheckCode.RETURN_INTO_GROUND, "refused")
+    high = low | {"RTL_ALTITUDE": float(found.parameters["min_height_m"])}
+    assert inspected(config, parameters=high)["return height"].code is CheckCode.RETURN_HEIGHT
+
+
 def rally_at(config, *places_m, alt_rel_m=60):
     """Return settings of rally points at places, east and north."""
     points = [config.local_frame.to_geodetic(*place_m) for place_m in places_m]

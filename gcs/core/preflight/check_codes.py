@@ -279,7 +279,7 @@ class CheckCode(TableCode):
     )  # fmt: skip
     RETURN_INTO_GROUND = _refused(
         "return-into-ground", "return height", _RETURN, "at least {min_height_m:g} m",
-        "RTL flies straight home, and the ground on the way is higher: raise it, or choose a rally point",
+        "RTL flies straight home and circles there: the ground is higher; raise it, or choose a rally point",
     )  # fmt: skip
     RETURN_CIRCLE_INTO_GROUND = _refused(
         "return-circle-into-ground", "return circle",

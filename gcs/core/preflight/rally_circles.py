@@ -34,6 +34,12 @@ _HALF_DIAGONAL: Final = 0.7072
 """In cells."""
 
 
+def return_radius_m(profile: AutopilotProfile, values: Mapping[str, float], turn_radius_m: float) -> float:
+    """Return the radius of the circle in which a return ends, from the parameters `values` of a vehicle."""
+    radius_m = profile.circle_radius_m(values, in_return=True) or UNKNOWN_LOITER_RADIUS_M
+    return max(abs(radius_m), turn_radius_m)
+
+
 class RallyCircles:
     """Checks of the circles of one vehicle.
 
@@ -61,8 +67,7 @@ class RallyCircles:
         self._values = values
         self._home_msl_m = home_msl_m
         self._end_m = values.get(profile.return_circle_parameter, 0.0)
-        radius_m = profile.circle_radius_m(values, in_return=True) or UNKNOWN_LOITER_RADIUS_M
-        self._radius_m = max(abs(radius_m), config.airframes_of_agents[vehicle].turn_radius_m)
+        self._radius_m = return_radius_m(profile, values, config.airframes_of_agents[vehicle].turn_radius_m)
 
     def checks(self) -> Iterator[Check]:
         """Yield what stands against each rally point of the mission file, or that nothing does."""

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.config import Config
 from gcs.core.airspace.obstacle_map import ObstacleMap
 from gcs.core.preflight.check_codes import CheckCode
-from gcs.core.preflight.rally_circles import DISC, RallyCircles
+from gcs.core.preflight.rally_circles import DISC, RallyCircles, return_radius_m
 from gcs.core.preflight.result import Check
 from gcs.core.preflight.return_heights import (
     MARGIN_M,
@@ -38,7 +38,6 @@ from gcs.mavlink.mission.geofence_rally import (
 )
 from gcs.mavlink.services.preflight_query import PreflightQuery
 from gcs.model import NS_PER_S, FloatArray, Parameter
-from gcs.terrain.elevation_grid import Elevation
 
 _RETURN_SAMPLES: Final = 200
 """Places on the straight line to home at which the ground is read."""
@@ -413,18 +412,24 @@ class VehicleChecks:
         yield from self._return_over_terrain()
 
     def _return_over_terrain(self) -> Iterator[Check]:
-        """Check that straight returns from the routes keep above the ground."""
+        """Check that straight returns from the routes, and circles at home, keep above the ground."""
         elevation = self._config.elevation
         returns = _return_of(self._query, self._config)
         home = self._health.home
+        profile = self._query.profile
         if elevation is None or self._config.terrain is None or returns is None or home is None:
             return
+        assert profile is not None
         home_m = np.array(self._config.local_frame.to_local(home.lat_deg, home.lon_deg))
         points_m = np.concatenate([np.empty((0, 2)), *self._routes_m])
         share = np.linspace(0.0, 1.0, _RETURN_SAMPLES)[:, None, None]
-        yield from self._return_circle(elevation, home_m, home.alt_msl_m)
-        ground_m = elevation.heights_at((home_m + share * (points_m - home_m)).reshape(-1, 2))
-        if not len(points_m) or not np.isfinite(ground_m).any():
+        turn_radius_m = self._config.airframes_of_agents[self._vehicle].turn_radius_m
+        radius_m = return_radius_m(profile, self._query.values, turn_radius_m)
+        circle_m = home_m + radius_m * DISC
+        yield from self._return_circle(elevation.heights_at(circle_m), radius_m, home.alt_msl_m)
+        lines_m = (home_m + share * (points_m - home_m)).reshape(-1, 2)
+        ground_m = elevation.heights_at(np.concatenate([lines_m, circle_m]))
+        if not np.isfinite(ground_m).any():
             return
         needed_m = float(np.nanmax(ground_m)) - home.alt_msl_m + self._config.terrain.flown_min_agl_m
         if returns.height_m < needed_m:
@@ -435,17 +440,13 @@ class VehicleChecks:
                 min_height_m=math.ceil(needed_m),
             )
 
-    def _return_circle(self, elevation: Elevation, home_m: FloatArray, home_msl_m: float) -> Iterator[Check]:
-        """Check that the circle in which a return ends keeps above the ground."""
+    def _return_circle(self, ground_m: FloatArray, radius_m: float, home_msl_m: float) -> Iterator[Check]:
+        """Check that the circle to which a return descends keeps above the ground."""
         assert self._query.profile is not None
         assert self._config.terrain is not None
         parameter = self._query.profile.return_circle_parameter
         height_m = self._query.values.get(parameter)
-        radius_m = self._query.profile.circle_radius_m(self._query.values, in_return=True)
-        if height_m is None or radius_m is None:
-            return
-        ground_m = elevation.heights_at(home_m + abs(radius_m) * DISC)
-        if not np.isfinite(ground_m).any():
+        if height_m is None or not np.isfinite(ground_m).any():
             return
         needed_m = float(np.nanmax(ground_m)) - home_msl_m + self._config.terrain.flown_min_agl_m
         if height_m < needed_m:
@@ -453,7 +454,7 @@ class VehicleChecks:
                 CheckCode.RETURN_CIRCLE_INTO_GROUND,
                 height_m=height_m,
                 parameter=parameter,
-                radius_m=abs(radius_m),
+                radius_m=radius_m,
                 min_height_m=math.ceil(needed_m),
             )
 
