@@ -138,7 +138,7 @@ def simulate(
     No turn is tighter than `min_radius_m`, in still air; 0 for no limit. Lines are followed by L1 with T1 =
     `l1_s`; below 0 by heading, to a point `-l1_s` of flight ahead; 0: each waypoint is flown to straight.
     `wind_m_s`: velocity of the air, east and north; in wind the speed of the motion is its airspeed, and the
-    flight ends at the last waypoint if no circle follows.
+    flight ends at the last waypoint if no circle follows. Without waypoints a vehicle keeps its turn rate.
     """
     ahead = motion.ahead
     circle = (0.0, 0.0, -1.0) if ahead.circle is None else (*ahead.circle.centre_m, ahead.circle.radius_m)
@@ -269,7 +269,7 @@ def simulate_states(
             ):
                 from_x = x
                 from_y = y
-        if is_windy and passed == radii.size and circle[2] < 0.0:  # it flies on elsewhere
+        if is_windy and 0 < passed == radii.size and circle[2] < 0.0:  # it flies on elsewhere
             break
         if passed < radii.size or circle[2] >= 0.0:
             is_leg = passed < radii.size

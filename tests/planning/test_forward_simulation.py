@@ -34,6 +34,17 @@ def test_who_circles_turns_on():
     assert there.place_m == pytest.approx(on_circle, abs=0.1)
 
 
+def test_who_circles_in_wind_turns_on_and_drifts():
+    """Its circle is not known. It was predicted to stand still: its first mission led into an obstacle."""
+    wind_m_s = 3.0, -2.0
+    there = predict_motion(OPEN, Motion(1000.0, 1000.0, 13.0, 0.0, 0.25), 4.0, 1.0, wind_m_s, 20.0)
+    course_rad, airspeed = math.atan2(-3.0, 15.0), math.hypot(3.0, 15.0)  # through the air
+    radius_m, turned_rad = airspeed / 0.25, course_rad + 1.0
+    east_m = 1012.0 + radius_m * (math.cos(course_rad) - math.cos(turned_rad))
+    north_m = 992.0 + radius_m * (math.sin(turned_rad) - math.sin(course_rad))
+    assert there.place_m == pytest.approx((east_m, north_m), abs=0.1)
+
+
 def test_a_report_that_is_old_is_brought_up_to_now():
     old = Motion(1000.0, 1000.0, 15.0, EAST, age_s=2.0)
     assert predict_motion(OPEN, old, 1.0).place_m == pytest.approx((1045.0, 1000.0))
