@@ -1,9 +1,10 @@
-"""Simulated flight along a terrain route, planned again with a wider margin until it stays in the band.
+"""Simulated flight along a terrain route, which is corrected or planned again until it stays in the band.
 
 The vehicle cuts corners, overshoots and follows its legs late (`gcs.planning.mission_flight`). Its height
 is that of the leg it flies, linear between the two waypoints, and followed `HEIGHT_LAG_S` late. A route is
 planned in a band above all ground within a tracking margin; its flight is checked against the ground below
-it. Where it leaves the band by more than is allowed, the route is planned again with a wider margin.
+it. Where it leaves the band by more than is allowed, the route gets other heights (`height_correction`). If
+that is not enough, it is planned again with a wider margin.
 """
 
 from __future__ import annotations
@@ -15,12 +16,12 @@ from typing import Final
 
 import numpy as np
 
-from gcs.model import FloatArray
 from gcs.planning.forward_simulation import STEP_S, LoiterCircle, Motion, RemainingMission
 from gcs.planning.map.grid import Point
 from gcs.planning.mission_flight import simulate_mission
 from gcs.planning.path.turns import TurnAnticipation
-from gcs.planning.terrain.band import FlightBand
+from gcs.planning.terrain.band import NO_BAND_M, FlightBand
+from gcs.planning.terrain.height_correction import FlownLegs, correct_heights
 from gcs.planning.terrain.route import TerrainRoute, plan_route
 from gcs.planning.terrain.terrain_map import BandCircle, BandPose, Goal, TerrainMap
 
@@ -50,10 +51,8 @@ class FlightModel:
         return self.turns.radius_m / (1.0 + self.turns.wind_m_s / self.speed_m_s) ** 2
 
 
-def fly_route(
-    route: TerrainRoute, model: FlightModel, course_rad: float | None = None
-) -> tuple[FloatArray, FloatArray]:
-    """Return places (k, 2) and heights (k,) of the simulated flight along a route and round its circle.
+def fly_route(route: TerrainRoute, model: FlightModel, course_rad: float | None = None) -> FlownLegs:
+    """Return the simulated flight along a route and round its circle.
 
     It begins on a course; None: on that of the first leg. A circle to the left is left out.
     """
@@ -82,10 +81,8 @@ def fly_route(
     along = np.diff(points, axis=0)[leg]
     share = ((places - points[leg]) * along).sum(axis=1) / np.maximum((along * along).sum(axis=1), 1e-9)
     share = np.where(passed < len(waypoints), np.clip(share, 0.0, 1.0), 1.0)
-    heights = route.heights_msl_m
-    wanted_m = heights[leg] + share * (heights[leg + 1] - heights[leg])
     late = np.maximum(np.arange(len(places)) - round(HEIGHT_LAG_S / STEP_S), 0)
-    return places, wanted_m[late]
+    return FlownLegs(places, leg[late], share[late])
 
 
 def worst_departure_m(
@@ -95,8 +92,12 @@ def worst_departure_m(
 
     A start outside the band counts. The course is that of `fly_route`.
     """
-    places, heights = fly_route(route, model, course_rad)
-    limits = band.limits_at(places)
+    return _departure_m(band, route, fly_route(route, model, course_rad))
+
+
+def _departure_m(band: FlightBand, route: TerrainRoute, flown: FlownLegs) -> float:
+    heights = flown.heights(route.heights_msl_m)
+    limits = band.limits_at(flown.places_m)
     return float(np.maximum(limits[:, 0] - heights, heights - limits[:, 1]).max())
 
 
@@ -141,7 +142,11 @@ def plan_flown_route(
             )
             if route is None:
                 continue
-            departure_m = worst_departure_m(band, route, model, course_rad)
+            flown = fly_route(route, model, course_rad)
+            departure_m = _departure_m(band, route, flown)
+            if allowed_m < departure_m < NO_BAND_M:
+                route = correct_heights(band, route, flown, terrain.vertical)
+                departure_m = _departure_m(band, route, flown)
             if departure_m < best_m:
                 best = route, goal
                 best_m = departure_m

@@ -163,6 +163,6 @@ def test_a_way_leads_round_an_area_that_closes_the_band_in_a_part_of_it(limits):
     ends = [search.route(i, 0, 0) for i in range(3)]
     assert all(ends)
     for route, _ in ends:
-        places_m, heights_msl_m = fly_route(route, FlightModel(15.0, 0.0, OPTIONS.turns))
-        is_inside = (np.abs(places_m - 500.0) < 120.0).all(axis=1)
-        assert (heights_msl_m[is_inside] > limits.ceiling_m).all()
+        flown = fly_route(route, FlightModel(15.0, 0.0, OPTIONS.turns))
+        is_inside = (np.abs(flown.places_m - 500.0) < 120.0).all(axis=1)
+        assert (flown.heights(route.heights_msl_m)[is_inside] > limits.ceiling_m).all()

@@ -244,7 +244,8 @@ def test_a_climb_is_flown_as_far_below_its_leg_as_a_vehicle_flies_it():
     circle = BandCircle(0.0, 1060.0, 60.0, 220.0, 220.0, is_clockwise=True)
     route = TerrainRoute(np.array([[0.0, 0.0], [0.0, 1000.0]]), np.array([100.0, 220.0]), circle, 1000.0)
     model = FlightModel(15.0, 1.0, TurnAnticipation(RADIUS_M, 15.0, 5.0), (0.0, 4.0))
-    places, heights = fly_route(route, model)
+    flown = fly_route(route, model)
+    places, heights = flown.places_m, flown.heights(route.heights_msl_m)
     plane = BankedAirframe(0.0, 0.0, 100.0, 0.0, 15.0)
     plane.wind_north_m_s = 4.0
     flown_m = [(plane.north_m, plane.alt_rel_m)]

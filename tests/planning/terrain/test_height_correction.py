@@ -1,0 +1,80 @@
+"""Heights of a route that keep its flight, which is late and cuts corners, inside the flight band."""
+
+import numpy as np
+import pytest
+from helpers.random_terrain import hills
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gcs.planning.path.turns import TurnAnticipation
+from gcs.planning.terrain.band import Vertical, make_band
+from gcs.planning.terrain.flown_route import FlightModel, fly_route, worst_departure_m
+from gcs.planning.terrain.height_correction import correct_heights
+from gcs.planning.terrain.route import TerrainRoute
+from gcs.planning.terrain.terrain_map import BandCircle
+
+MODEL = FlightModel(15.0, 1.0, TurnAnticipation(40.0, 15.0, 5.0))
+RATES = Vertical(0.2, 0.25)
+
+
+def drawn_route(seed):
+    """Return a band, and a route with heights near its middle at each waypoint."""
+    band = make_band(hills(seed, relief_m=25.0), 50.0, 120.0)
+    rng = np.random.default_rng(seed)
+    along_m = np.linspace(100.0, 1000.0, 8)
+    points_m = np.column_stack((along_m, 550.0 + rng.uniform(-60.0, 60.0, 8)))
+    heights_m = band.limits_at(points_m).mean(axis=1) + rng.uniform(-20.0, 20.0, 8)
+    circle = BandCircle(
+        1000.0, points_m[-1, 1] - 60.0, 60.0, heights_m[-1], heights_m[-1], is_clockwise=False
+    )
+    return band, TerrainRoute(points_m, heights_m, circle, 1000.0), rng
+
+
+def rises(route):
+    return np.diff(route.heights_msl_m) / np.hypot(*np.diff(route.points_m, axis=0).T)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000))
+def test_no_other_heights_leave_the_band_less(seed):
+    """Nor does a leg become steeper than the vehicle climbs and sinks, or than it was; both ends stay."""
+    band, route, rng = drawn_route(seed)
+    flown = fly_route(route, MODEL)
+    corrected = correct_heights(band, route, flown, RATES)
+    before_m, after_m = (max(worst_departure_m(band, one, MODEL), 0.0) for one in (route, corrected))
+    assert after_m <= before_m + 0.5
+    slopes, given_slopes = rises(corrected), rises(route)
+    assert (slopes <= np.maximum(RATES.climb_gradient, given_slopes) + 1e-6).all()
+    assert (slopes >= np.minimum(-RATES.sink_gradient, given_slopes) - 1e-6).all()
+    assert corrected.heights_msl_m[[0, -1]] == pytest.approx(route.heights_msl_m[[0, -1]])
+    for _ in range(20):
+        changed = corrected.heights_msl_m.copy()
+        changed[1:-1] += rng.normal(0.0, 3.0, 6)
+        other = TerrainRoute(route.points_m, changed, route.circle, route.length_m)
+        if (rises(other) > RATES.climb_gradient).any() or (rises(other) < -RATES.sink_gradient).any():
+            continue
+        assert worst_departure_m(band, other, MODEL) >= after_m - 0.5
+
+
+def test_heights_that_keep_the_flight_inside_are_kept():
+    band = make_band(hills(3, relief_m=0.0), 50.0, 120.0)
+    points_m = np.array([[100.0, 500.0], [500.0, 500.0], [1000.0, 500.0]])
+    heights_m = np.array([560.0, 590.0, 600.0])
+    circle = BandCircle(1000.0, 440.0, 60.0, 600.0, 600.0, is_clockwise=True)
+    route = TerrainRoute(points_m, heights_m, circle, 900.0)
+    corrected = correct_heights(band, route, fly_route(route, MODEL), RATES)
+    assert corrected.heights_msl_m == pytest.approx(heights_m)
+
+
+def test_a_late_climb_over_a_slope_begins_earlier():
+    """The planned heights follow the ground; 3 s late the flight is 9 m below them."""
+    elevation = hills(3, relief_m=0.0)
+    slope_m = np.clip(0.2 * (np.arange(60) * 20.0 - 300.0), 0.0, 100.0)
+    ground = type(elevation)((0.0, 0.0), 20.0, 500.0 + np.tile(slope_m, (60, 1)))
+    band = make_band(ground, 50.0, 120.0)
+    points_m = np.array([[100.0, 500.0], [300.0, 500.0], [800.0, 500.0], [1000.0, 500.0]])
+    heights_m = np.array([560.0, 552.0, 652.0, 660.0])
+    route = TerrainRoute(points_m, heights_m, BandCircle(1000.0, 440.0, 60.0, 660.0, 660.0), 900.0)
+    corrected = correct_heights(band, route, fly_route(route, MODEL), RATES)
+    assert worst_departure_m(band, route, MODEL) > 5.0
+    assert worst_departure_m(band, corrected, MODEL) < 0.5
