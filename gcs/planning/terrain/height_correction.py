@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 from scipy.optimize import linprog
-from scipy.sparse import coo_array, eye_array, hstack, vstack
+from scipy.sparse import block_array, coo_array, eye_array
 
 from gcs.model import FloatArray, IntArray, read_only
 from gcs.planning.terrain.band import FlightBand, Vertical
@@ -21,8 +21,10 @@ from gcs.planning.terrain.route import TerrainRoute
 
 _EVERY: Final = 2
 """Places of the flight of which one counts: 8 m apart at 20 m/s. Terrain models are coarser."""
-_DEPARTURE_COST: Final = 1000.0
-"""Sum of changes, in metres, that a metre outside the band is worth."""
+_MOST_OUTSIDE_COST: Final = 1000.0
+_OUTSIDE_COST: Final = 10.0
+"""Sum of changes, in metres, that a metre outside the band is worth: at the worst place, and at each place. A
+flight that begins far outside is so brought inside as well."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,37 +59,40 @@ def correct_heights(
     The heights of the first point, and of the circle, stay. Returns the same route if there are no others.
     """
     heights_m = route.heights_msl_m
-    count = len(heights_m)
     floor_m, ceiling_m = band.limits_at(flown.places_m[::_EVERY]).T
     legs = flown.legs[::_EVERY]
     shares = flown.shares[::_EVERY]
-    at = np.tile(np.arange(len(legs)), 2)
+    n = len(heights_m)
+    k = len(legs)
+    at = np.tile(np.arange(k), 2)
     weights = np.concatenate((1.0 - shares, shares)), (at, np.concatenate((legs, legs + 1)))
-    flight = coo_array(weights, shape=(len(legs), count))
-    # Variables: the heights, how far the flight leaves the band, and the change of each height.
-    departure = coo_array(np.ones((len(legs), 1)))
-    same = eye_array(count)
-    rises = same.tocsr()[1:] - same.tocsr()[:-1]
-    rows = vstack(
+    flight = coo_array(weights, shape=(k, n))
+    outside = eye_array(k)
+    most_outside = coo_array(np.ones((k, 1)))
+    point = eye_array(n)
+    rises = point.tocsr()[1:] - point.tocsr()[:-1]
+    # Columns: the heights, how far each place is outside, the most of these, and the change of each height.
+    rows = block_array(
         [
-            hstack([-flight, -departure, coo_array((len(legs), count))]),
-            hstack([flight, -departure, coo_array((len(legs), count))]),
-            hstack([rises, coo_array((count - 1, 1 + count))]),
-            hstack([-rises, coo_array((count - 1, 1 + count))]),
-            hstack([same, coo_array((count, 1)), -same]),
-            hstack([-same, coo_array((count, 1)), -same]),
+            [-flight, -outside, None, None],
+            [flight, -outside, None, None],
+            [None, outside, -most_outside, None],
+            [rises, None, None, None],
+            [-rises, None, None, None],
+            [point, None, None, -point],
+            [-point, None, None, -point],
         ]
     )
     lengths_m = np.hypot(*np.diff(route.points_m, axis=0).T)
     planned_m = np.diff(heights_m)
     climbs_m = np.maximum(vertical.climb_gradient * lengths_m, planned_m)
     sinks_m = np.maximum(vertical.sink_gradient * lengths_m, -planned_m)
-    limits = np.concatenate((-floor_m, ceiling_m, climbs_m, sinks_m, heights_m, -heights_m))
-    least = np.concatenate((np.full(count, -np.inf), np.zeros(1 + count)))
-    most = np.full(1 + 2 * count, np.inf)
-    for end in (0, count - 1):
+    limits = np.concatenate((-floor_m, ceiling_m, np.zeros(k), climbs_m, sinks_m, heights_m, -heights_m))
+    costs = np.concatenate((np.zeros(n), np.full(k, _OUTSIDE_COST), [_MOST_OUTSIDE_COST], np.ones(n)))
+    least = np.concatenate((np.full(n, -np.inf), np.zeros(k + 1 + n)))
+    most = np.full(len(costs), np.inf)
+    for end in (0, n - 1):
         least[end] = heights_m[end]
         most[end] = heights_m[end]
-    costs = np.concatenate((np.zeros(count), [_DEPARTURE_COST], np.ones(count)))
     found = linprog(costs, A_ub=rows.tocsr(), b_ub=limits, bounds=np.column_stack((least, most)))
-    return replace(route, heights_msl_m=read_only(found.x[:count])) if found.success else route
+    return replace(route, heights_msl_m=read_only(found.x[:n])) if found.success else route
