@@ -60,6 +60,8 @@ _CLIMB_LAG_S: Final = 2.5
 """Time until a vehicle that held climbs as its mission asks for."""
 _TURNS_BACK_RAD: Final = 2.3
 """Turn to the next point at which a vehicle may turn to either side."""
+_JOINED_S: Final = 20.0
+"""Time in which a vehicle that held is back on its route, which keeps clear of obstacles."""
 _LEAST_STEPS: Final = 2
 """Positions of a predicted flight that give a course at its end."""
 _RELEASE_INSIDE_M: Final = 5.0
@@ -138,7 +140,7 @@ class OrderCheck:
         return self._zones.mode_problem(mode, flights.of(vehicle, mode), flights.of(vehicle))
 
     def release_problem(self, vehicle: int, flights: PredictedFlights) -> str:
-        """Return what one that holds would come near to if it flew on: a vehicle, the ground, or a zone.
+        """Return what one that holds would come near to if it flew on: a vehicle, the ground, an area.
 
         Empty also if that is better than to hold on.
         """
@@ -158,6 +160,8 @@ class OrderCheck:
             return "would turn back beside its route"
         if zone := self._zones.first(led):
             return f"would fly into no-fly zone {zone}"
+        if problem := self._zones.joining_problem(led, present, _JOINED_S):
+            return problem
         held = self._nearness(present, others)
         if not conflicts or nearest_of(conflicts) - held > _WORSE:
             return ""

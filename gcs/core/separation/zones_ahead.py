@@ -15,6 +15,8 @@ from gcs.planning.map.line_of_sight import line_of_sight
 
 _OFF_M: Final = 10.0
 """Distance by which predicted circles are off."""
+_LATE_M: Final = 40.0
+"""Distance by which vehicles turn later, and wider, than predicted."""
 _AHEAD_S: Final = 40.0
 """Time without an incursion for which one that held may fly on: more than that at which it holds."""
 _MAX_RETURN_S: Final = 900.0
@@ -47,6 +49,7 @@ class ZonesAhead:
         self._zones = zones
         self.margin_m = min(clearance_m, _OFF_M)
         """Distance that a predicted circle should keep from obstacles."""
+        self._joining_m = min(clearance_m, _LATE_M)
 
     def first(self, flight: Flight) -> str:
         """Return the name of the first closed zone that a flight soon leads into; empty if there is none."""
@@ -70,6 +73,14 @@ class ZonesAhead:
         for_s = hold.round_s
         problem = self.problem(hold, for_s, self.margin_m)
         return problem if problem and problem != self.problem(present, for_s) else ""
+
+    def joining_problem(self, led: Flight, present: Flight, for_s: float) -> str:
+        """Return which area the way back to a route comes near to; empty if none, or as the present flight.
+
+        Vehicles that turn back to their routes begin late.
+        """
+        problem = self.problem(led, for_s, self._joining_m)
+        return problem if problem and not self.problem(present, for_s, self.margin_m) else ""
 
     def _return_problem(self, back: Flight, present: Flight) -> str:
         """Return which zone or obstacle RTL leads to; empty if to none, or if the vehicle is in it now.

@@ -1,5 +1,6 @@
 """A vehicle flies into a no-fly zone that was closed across its way, since no route leads round it."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -244,3 +245,20 @@ def test_a_vehicle_is_not_resumed_where_it_would_wait_in_a_zone():
     assert state == "refused"
     assert "no-fly zone fire" in detail
     assert plane.autopilot.mode is Mode.RTL
+
+
+def test_a_vehicle_that_held_flies_on_when_its_way_back_is_clear_of_obstacles():
+    """It was led back to its route through one: it turns later and wider than predicted."""
+    flight = Flight(zone_m=None, obstacles="[[map.obstacles]]\ndisc_m = [1000.0, 1535.0, 10.0]\n")
+    check = flight.run.engine.stages.avoidances._order_check
+    flights = check.predict(flight.run.t_ns)
+    hold, mission = (flights.of(1, mode) for mode in ("LOITER", "AUTO"))
+    straight = replace(mission, goals=(replace(mission.goals[0], east_m=1200.0, north_m=1540.0),))
+    for way_back, present, problem in (
+        (straight, hold, "would come near an obstacle"),
+        (straight, replace(straight, goals=(replace(straight.goals[0], east_m=1000.0),)), ""),
+        (replace(straight, goals=(replace(straight.goals[0], north_m=1200.0),)), hold, ""),
+    ):
+        led_or_held = {"AUTO": way_back, None: present}
+        flights.of = lambda _vehicle, mode=None, chosen=led_or_held: chosen[mode]
+        assert check.release_problem(1, flights) == problem

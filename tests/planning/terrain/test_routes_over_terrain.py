@@ -132,8 +132,9 @@ def test_the_band_beside_a_flight_keeps_its_distances_and_is_else_the_same(at, d
     nodes = -500.0 + 20.0 * np.arange(201)
     is_far = np.ones(floor_m.shape, dtype=bool)
     for east_m, north_m, height_msl_m in at:
-        near = np.hypot(nodes - east_m, (nodes - north_m)[:, None]) < distance_m
-        is_far &= ~near
+        away_m = np.hypot(nodes - east_m, (nodes - north_m)[:, None])
+        near = away_m < distance_m
+        is_far &= away_m > distance_m + 1e-6
         is_open = near & (floor_m < ceiling_m)
         over = floor_m[is_open] >= height_msl_m + height_m - 1e-3
         under = ceiling_m[is_open] <= height_msl_m - height_m + 1e-3
