@@ -123,8 +123,8 @@ def in_wind(scenario: Scenario, wind: WindTable, planned_m_s: float) -> Scenario
     )
 
 
-def nearest(scenario: Scenario, seed: int) -> Nearest:
-    """Fly a whole mission; return where any vehicle came nearest to any blocked cell on its way."""
+def nearest(scenario: Scenario, seed: int, for_s: float = math.inf) -> Nearest:
+    """Fly a mission, or its begin; return where any vehicle came nearest to any blocked cell on its way."""
     near_m = 2.0 * scenario.config.planning.capture_radius_m
     ends: dict[int, FloatArray] = {}
     tasked: dict[int, tuple[int, int]] = {}
@@ -171,7 +171,7 @@ def nearest(scenario: Scenario, seed: int) -> Nearest:
 
     run = VirtualRun(scenario, seed, on_event=on_event, on_effect=on_effect)
     cells = np.argwhere(run.engine.grid.blocked)[:, ::-1].astype(np.float64)
-    run.run()
+    run.run(min(for_s, scenario.config.mission.max_duration_s))
     return dataclasses.replace(best, at_end_m=at_end_m, arrived=len(arrived), near_pairs=pairs.near_pairs)
 
 

@@ -33,6 +33,15 @@ def test_between_dense_obstacles_no_vehicle_is_blown_into_one():
     assert nearest(in_wind(load("deterministic"), wind, 3.75), 11).clearance_m > 5.0
 
 
+@pytest.mark.parametrize(
+    ("seed", "wind_m_s"), [(11, (4.4, -0.96)), (15, (3.47, -2.87)), (16, (4.46, 0.62)), (21, (3.19, -3.17))]
+)
+def test_first_missions_in_wind_lead_past_obstacles_beside_the_start(seed, wind_m_s):
+    """They began where vehicles had been when they were planned, and led into obstacles after 8 s."""
+    wind = WindTable(east_m_s=wind_m_s[0], north_m_s=wind_m_s[1], gust_std_m_s=1.125)
+    assert nearest(in_wind(load("random-obstacles"), wind, 5.6), seed, 15.0).clearance_m > 10.0
+
+
 @pytest.mark.slow
 def test_straight_ways_home_would_lead_into_obstacles():
     home = flown_home(landing(load("random-obstacles")), 3, straight=True).flights
