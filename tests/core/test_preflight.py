@@ -289,7 +289,7 @@ def test_a_px4_whose_return_ends_in_a_circle_into_a_hill_beside_home_is_refused(
 
 
 def test_an_arduplane_that_circles_at_home_into_a_hill_is_refused():
-    """The way home was checked, and the circle at its end was not."""
+    """The straight return was checked, and the circle at its end was not."""
     text = read_text("prescribed")[0] + terrain_table(
         elevation_of(hill(160.0, 80.0, 90.0, 40.0, 70.0), 2000.0)
     )

@@ -50,6 +50,7 @@ class ZonesAhead:
         self.margin_m = min(clearance_m, _OFF_M)
         """Distance that a predicted circle should keep from obstacles."""
         self._joining_m = min(clearance_m, _LATE_M)
+        """The same for the way back to a route."""
 
     def first(self, flight: Flight) -> str:
         """Return the name of the first closed zone that a flight soon leads into; empty if there is none."""
@@ -77,9 +78,11 @@ class ZonesAhead:
     def joining_problem(self, led: Flight, present: Flight, for_s: float) -> str:
         """Return which area the way back to a route comes near to; empty if none, or as the present flight.
 
-        Vehicles that turn back to their routes begin late.
+        Vehicles that turn back to their routes begin late. One that has arrived goes back to its circle, which
+        may be nearer to an obstacle.
         """
-        problem = self.problem(led, for_s, self._joining_m)
+        has_arrived = led.goals[0].kind is GoalKind.CIRCLE
+        problem = self.problem(led, for_s, 0.0 if has_arrived else self._joining_m)
         return problem if problem and not self.problem(present, for_s, self.margin_m) else ""
 
     def _return_problem(self, back: Flight, present: Flight) -> str:

@@ -258,6 +258,7 @@ def test_a_vehicle_that_held_flies_on_when_its_way_back_is_clear_of_obstacles():
         (straight, hold, "would come near an obstacle"),
         (straight, replace(straight, goals=(replace(straight.goals[0], east_m=1000.0),)), ""),
         (replace(straight, goals=(replace(straight.goals[0], north_m=1200.0),)), hold, ""),
+        (replace(straight, goals=(replace(mission.goals[-1], east_m=1200.0, north_m=1540.0),)), hold, ""),
     ):
         led_or_held = {"AUTO": way_back, None: present}
         flights.of = lambda _vehicle, mode=None, chosen=led_or_held: chosen[mode]
