@@ -78,8 +78,8 @@ class ZonesAhead:
     def joining_problem(self, led: Flight, present: Flight, for_s: float) -> str:
         """Return which area the way back to a route comes near to; empty if none, or as the present flight.
 
-        Vehicles that turn back to their routes begin late. One that has arrived goes back to its circle, which
-        may be nearer to an obstacle.
+        Vehicles that turn back to their routes begin late. One that has arrived goes back to its circle,
+        which may be nearer to an obstacle.
         """
         has_arrived = led.goals[0].kind is GoalKind.CIRCLE
         problem = self.problem(led, for_s, 0.0 if has_arrived else self._joining_m)
