@@ -164,6 +164,7 @@ def px4_command(
         **({} if spec.climb_m_s is None else {"FW_T_CLMB_R_SP": spec.climb_m_s} | _PX4_WITH_TERRAIN),
         **({} if spec.sink_m_s is None else {"FW_T_SINK_R_SP": spec.sink_m_s}),
         "RTL_RETURN_ALT": spec.alt_rel_m,
+        "RTL_DESCEND_ALT": spec.alt_rel_m,
         "NAV_LOITER_RAD": 40.0,
         "RTL_LOITER_RAD": 40.0,
         **({"COM_RC_IN_MODE": 1.0} if FaultKind.RC in kinds else {}),

@@ -69,6 +69,14 @@ def test_px4_takes_place_and_parameters_from_its_environment(tmp_path: Path) -> 
     assert environment["PX4_SIM_SPEED_FACTOR"] == "3"
 
 
+def test_a_px4_starts_higher_than_the_end_of_its_return_by_default(tmp_path: Path) -> None:
+    """It flies to its start in RTL, which ends 100 m above home unless told. Before, the launch failed."""
+    _, environment = px4_command(
+        Path("/build/bin/px4"), replace(SPEC, alt_rel_m=140.0), FRAME, 0, 1.0, tmp_path
+    )
+    assert environment["PX4_PARAM_RTL_RETURN_ALT"] == environment["PX4_PARAM_RTL_DESCEND_ALT"] == "140"
+
+
 def test_px4_has_one_link_to_its_host_and_none_to_a_ground_station(tmp_path: Path) -> None:
     """Its start script sources the links as here; a second link to port 14550 is a second sender there."""
     _, environment = px4_command(Path("/build/bin/px4"), SPEC, FRAME, 2, 3.0, tmp_path)
