@@ -162,7 +162,7 @@ def _node(config: Config, source: str) -> Node | None:
 
 def _zenoh_text(config: Config, node: Node | None) -> str:
     """Return endpoint, certificate, and the nodes that may connect."""
-    text = f"{config.links.zenoh} ({config.links.zenoh_role}s)"
+    text = f"{config.links.zenoh} (central command {config.links.zenoh_role}s)"
     if node is None:
         return text
     nodes = ", ".join(f"{role} {name}" for name, role in sorted((node.access(listens=True) or {}).items()))
