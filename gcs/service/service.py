@@ -76,6 +76,8 @@ OUTAGE_S = 5.0
 """A service that stood still for longer continues as after a restart: vehicles were heard, but not by it."""
 _KEY_NOT_MISSING_NS = 10 * NS_PER_S
 """Time without frames that are signed with a key that is not here, after which none is missing."""
+_PROVEN_NS = 60 * NS_PER_S
+"""A state from a journal that has been in use for so long makes sense."""
 _LEARN_S = 1.0
 _LEARN_POLL_S = 0.02
 _MAX_UNPUBLISHED = 1000
@@ -116,7 +118,9 @@ class Service:
         self._orders = OrderInbox(config.local_frame, config.name)
         self._resumed_from: Snapshot | None = None
         self._is_resumed = False
-        """True while the state is that of a journal, with what followed."""
+        """True while the state is that of a journal, and has not been in use for long."""
+        self._proven_t_ns: int | None = None
+        """Time from which that state has proved to make sense."""
         self._consumed_t_ns: int | None = None
         """Time of the last event."""
         self._tick_waits = False
@@ -391,7 +395,13 @@ class Service:
             self._carry_out(event.t_ns, effect)
 
     def _step(self, event: Event, frames: FrameTable | None) -> Iterator[Effect]:
-        """Step the engine. If a state from a journal turns out to be wrong, continue without it."""
+        """Step the engine. If a state from a journal soon turns out to be wrong, continue without it.
+
+        A later error is one of the program: it ends the service, which is started again from its journal.
+        """
+        if self._proven_t_ns is None:
+            self._proven_t_ns = event.t_ns + _PROVEN_NS
+        self._is_resumed = self._is_resumed and event.t_ns < self._proven_t_ns
         try:
             yield from self.engine.effects(event, frames)
         except Exception as error:

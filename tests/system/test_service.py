@@ -100,6 +100,28 @@ def test_a_journal_whose_error_shows_in_flight_ends_neither_service_nor_heartbea
     assert sum(isinstance(event, Tick) for event in sink.events) > 10
 
 
+def test_an_error_long_after_a_restart_does_not_cost_the_state(service, monkeypatch):
+    """Before, any later error of the program put an empty state in its place: zones and holds were gone."""
+    monkeypatch.setattr("gcs.service.service._PROVEN_NS", NS_PER_S // 2)
+    clock = now()
+    began_t_ns = clock.now_ns()
+    state = Engine(service.config, 1).state
+    state.measured_t_ns = 77
+    service.resume(Snapshot(began_t_ns - 10**9, encode_state(state)), state)
+    effects = service.engine.effects
+
+    def failing(event, frames=None):
+        if isinstance(event, Tick) and event.t_ns > began_t_ns + NS_PER_S:
+            raise KeyError(99)
+        return effects(event, frames)
+
+    monkeypatch.setattr(service.engine, "effects", failing)
+    with pytest.raises(ExceptionGroup) as raised:
+        serve(service, clock, 5.0)
+    assert isinstance(raised.value.exceptions[0], KeyError)
+    assert service.engine.state is state
+
+
 def test_a_program_error_without_a_journal_still_ends_the_run(service, monkeypatch):
     def failing(_event, _frames=None):
         raise KeyError(77)

@@ -41,6 +41,9 @@ class TargetOrders:
         return [ongoing.answer(order.t_ns, "done", text), *replan()]
 
     def _refusal(self, order: Order) -> str:
+        unknown = [v for v in order.vehicles or () if v not in self.agents]
+        if unknown:
+            return f"no {named(unknown)} in this mission; it has {named(self.agents)}"
         label = order.target
         tracks = self.targets.tracks
         if label is not None and label not in tracks and order.action != "attend":

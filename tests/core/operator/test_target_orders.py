@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from helpers.ordered_flight import Flight, fly, order
 from helpers.staging import S
 
@@ -64,6 +65,17 @@ def test_an_order_about_a_target_that_is_not_there_is_refused() -> None:
     for answer in flight.all(OrderAnswer):
         assert answer.state == "refused"
         assert answer.detail.startswith("there is no target T7.7; there are: T0.0, T0.1")
+
+
+@pytest.mark.parametrize("action", ["pin", "unpin"])
+def test_an_order_to_a_vehicle_that_is_not_there_is_refused(action: str) -> None:
+    """Before, it ended the service."""
+    target = (0, 0) if action == "pin" else None
+    (answer,) = fly([order(12.0, action, 99, target=target)], 13.0).all(OrderAnswer)
+    assert (answer.state, answer.detail) == (
+        "refused",
+        "no agent 99 in this mission; it has agents 1, 2, 3, 4",
+    )
 
 
 def test_wishes_survive_a_restart() -> None:
