@@ -103,7 +103,6 @@ class Avoidances:
     ) -> None:
         self._mission = config.mission
         self._lost_height_m = LOST_SHARE * layer_step_m(config)
-        self._base_msl_m = config.frame.alt_msl_m
         self._stacked = stacked_missions
         self._air_traffic = air_traffic
         self._is_enabled = config.planning.avoidance == "act"
@@ -147,7 +146,7 @@ class Avoidances:
         """Send a vehicle to a circle that is clear of another one."""
         parameters: dict[str, Parameter] = {
             "other": self._air_traffic.name(other),
-            "height_m": self._end_m(route) - self._base_msl_m,
+            "height_m": self._end_m(route) - self._order_check.intents.ground_m(route.vehicle),
         }
         notice = Notice(flights.t_ns, NoticeCode.CHANGES_LAYER, route.vehicle, parameters)
         sent = self._stacked.send(route, flights.t_ns)
@@ -156,7 +155,8 @@ class Avoidances:
 
     def _end_m(self, route: Route) -> float:
         """Return the height above sea level at which a route ends."""
-        return float(route_heights_msl_m(route, self._base_msl_m, self._mission)[-1])
+        home_m = self._order_check.intents.ground_m(route.vehicle)
+        return float(route_heights_msl_m(route, home_m, self._mission)[-1])
 
     def _clear_circle(self, vehicle: int, other: int, flights: PredictedFlights) -> Route | None:
         """Search for a circle that is clear of another vehicle, and note the search."""

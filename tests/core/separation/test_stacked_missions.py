@@ -363,10 +363,16 @@ def test_of_two_that_hold_on_circles_that_overlap_one_gets_another_layer(field):
     assert all(one.control.is_ours for one in sky.run_.engine.state.agents.values())
 
 
-@pytest.mark.parametrize("above_m", [4.0, -4.0])
-def test_of_two_on_one_circle_one_goes_up_or_down_and_not_through_the_other(above_m):
-    """They stay as near as they are. Before, no layer was clear for either: they were near now."""
-    sky = Sky((600.0, 600.0, 80.0), (1700.0, 1700.0, 80.0)).fly(20.0)
+@pytest.mark.parametrize(("above_m", "home_m"), [(4.0, 0.0), (-4.0, 0.0), (4.0, -30.0), (8.0, -30.0)])
+def test_of_two_on_one_circle_one_goes_up_or_down_and_not_through_the_other(above_m, home_m):
+    """They stay as near as they are. Before, no layer was clear for either: they were near now.
+
+    Layers count from their homes, which may be lower than the map's origin.
+    """
+    sky = Sky((600.0, 600.0, 80.0), (1700.0, 1700.0, 80.0))
+    for plane in sky.planes.values():
+        plane.autopilot.home = replace(plane.autopilot.home, alt_m=home_m)
+    sky.fly(20.0)
     give(sky, "hold")
     fly_on(sky, 20.0)
     one, other = sky.planes[1], sky.planes[2]
