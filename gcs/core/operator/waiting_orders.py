@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
-from gcs.core.operator.operator_state import WAIT_PERIOD_NS
+from gcs.core.operator.operator_state import WAIT_PERIOD_NS, WaitingOrder
 from gcs.core.operator.order_commands import MODES, OrderCommands, ordered_modes
 from gcs.core.operator.order_refusals import OrderRefusals
 from gcs.core.operator.return_missions import MAX_UPLOAD_NS, ReturnMissions
@@ -111,10 +111,8 @@ class WaitingOrders:
         order = self._operator.orders[waiting.order].order
         state = self._fleet.state(vehicle)
         health = self._fleet.health_of(vehicle)
-        if state is None or health.liveness != "alive":  # whether it is clear is not known
-            if waiting.uploads_since_t_ns is not None:
-                waiting.uploads_since_t_ns = t_ns  # an upload goes on when it is heard again
-            return []
+        if state is None or health.liveness != "alive":
+            return self._keep_waiting(waiting, t_ns)
         ended = self._refusals.refusal(order, vehicle, (), flights, is_heard=True)
         if is_on_ground(state, self._fleet.home(vehicle)):
             ended = "it has landed meanwhile"
@@ -122,6 +120,8 @@ class WaitingOrders:
             ended = f"its mode was changed to {state.mode} meanwhile"
         if ended:
             return self.end(vehicle, t_ns, ended)
+        if vehicle not in flights.states:  # its positions are too old
+            return self._keep_waiting(waiting, t_ns)
         order = replace(order, t_ns=t_ns)
         stacked = self._agents[vehicle].routes.stacked
         is_sent_home = stacked is not None and not is_hold(stacked)
@@ -153,6 +153,12 @@ class WaitingOrders:
             Notice(t_ns, NoticeCode.ORDER_BEGINS, vehicle, {"action": order.action}),
             *self._commands.begin(waiting.order, order, vehicle, health.autopilot, ()),
         ]
+
+    def _keep_waiting(self, waiting: WaitingOrder, t_ns: int) -> list[Effect]:
+        """Let an order wait on: whether its vehicle is clear is not known. An upload goes on later."""
+        if waiting.uploads_since_t_ns is not None:
+            waiting.uploads_since_t_ns = t_ns
+        return []
 
     def _is_due(self, vehicle: int, t_ns: int) -> bool:
         """Return True if the return of a vehicle is planned again now: of one vehicle in each second."""

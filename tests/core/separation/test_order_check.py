@@ -48,6 +48,19 @@ def test_a_return_that_waits_begins_when_the_other_has_left():
     assert (notice.vehicle, notice.parameters["action"]) == (2, "return")
 
 
+def test_an_order_waits_on_while_its_vehicle_reports_no_position(monkeypatch):
+    """Before, it began then, although the vehicle was not known to be clear."""
+    sky = with_home_off_the_map()
+    give(sky, "return")
+    fly_on(sky, 3.0)
+    autopilot = sky.planes[2].autopilot
+    monkeypatch.setattr(type(autopilot), "is_position_known", lambda self, _: self is not autopilot)
+    fly_on(sky, 20.0)
+    assert autopilot.mode is Mode.AUTO
+    assert not sky.told(NoticeCode.ORDER_BEGINS)
+    assert states(sky, "return", 2) == []
+
+
 def test_many_orders_that_wait_are_checked_a_few_at_a_tick(monkeypatch):
     """The checks of forty at one tick took 0.3 s: scans and heartbeats waited."""
     starts = [(300.0 + 250.0 * k, 600.0 + 500.0 * (k % 4), 60.0 + 20.0 * k) for k in range(10)]
