@@ -160,6 +160,16 @@ class Flight:
         legs_m = [(end[0] - begin[0], end[1] - begin[1]) for begin, end in pairwise(places_m)]
         return min(sum(self.time_s(leg_m, 0.0) for leg_m in legs_m), most_s)
 
+    @property
+    def turning_s(self) -> float:
+        """Time of a full turn, and on circles that are left after a time."""
+        waits_s = sum(goal.for_s for goal in self.goals if math.isfinite(goal.for_s))
+        return waits_s + 2.0 * math.pi / self.max_turn_rate_rad_s
+
+    def return_s(self, most_s: float) -> float:
+        """Return an upper bound of the time to the last circle, with a turn back; at most `most_s`."""
+        return min(self.turning_s + self.way_s(most_s), most_s)
+
     def reach_m(self, for_s: float) -> float:
         """Return an upper bound of the distance from its place after some time."""
         speed_m_s = max(self.speed_m_s, LOW_SPEED_M_S)

@@ -21,6 +21,7 @@ from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.separation.aircraft import AirTraffic
 from gcs.core.separation.conflicts import CLEAR, GROWTH_M, Conflict, Conflicts, nearest_of
 from gcs.core.separation.forward_flight import (
+    MAX_ROUND_S,
     Flight,
     FlightPaths,
     Goal,
@@ -32,7 +33,7 @@ from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import LOOK_AHEAD_S, encounters
 from gcs.core.separation.minima import PREDICTED_SHARE, layer_step_m, min_distance_m
 from gcs.core.separation.predicted_flights import PredictedFlights
-from gcs.core.separation.zones_ahead import ZonesAhead
+from gcs.core.separation.zones_ahead import MAX_RETURN_S, ZonesAhead
 from gcs.core.tasking.mission_builder import is_hold, route_heights_msl_m
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.model import FloatArray, Route, VehicleState
@@ -107,7 +108,7 @@ class OrderCheck:
             return ""
         ordered = flights.of(vehicle, modes[vehicle])
         is_return = modes[vehicle] == RTL, flights.states[vehicle].mode == RTL
-        near_ground = "" if modes[vehicle] == AUTO else self._ground_problem(ordered)
+        near_ground = "" if modes[vehicle] == AUTO else self._ground_problem(ordered, modes[vehicle] == RTL)
         return (
             near_ground
             or self._area_problem(vehicle, modes[vehicle], flights)
@@ -213,9 +214,13 @@ class OrderCheck:
     def _departures_m(self, hold: Flight) -> tuple[float, float]:
         return self._ground.departures_m(hold, hold.round_s)
 
-    def _ground_problem(self, flight: Flight) -> str:
-        """Return where a flight to its last goal, and round it, comes near the ground; empty if nowhere."""
-        found = self._ground.first(flight, flight.round_s)
+    def _ground_problem(self, flight: Flight, is_return: bool = False) -> str:
+        """Return where a flight to its last goal, and round it, comes near the ground; empty if nowhere.
+
+        Others than returns are checked for `MAX_ROUND_S` at most.
+        """
+        ahead_s = flight.return_s(MAX_RETURN_S) + MAX_ROUND_S if is_return else flight.round_s
+        found = self._ground.first(flight, ahead_s)
         if found is None:
             return ""
         return f"would come within {found.agl_m:.0f} m of the ground in {found.after_s:.0f} s"

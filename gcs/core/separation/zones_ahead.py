@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from typing import Final
@@ -9,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from gcs.core.airspace.no_fly_zones import ClosedZone, NoFlyZones
-from gcs.core.separation.forward_flight import Flight, Goal, GoalKind, simulate_flights
+from gcs.core.separation.forward_flight import STEP_S, Flight, Goal, GoalKind, simulate_flights
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.planning.map.line_of_sight import line_of_sight
 
@@ -19,14 +20,12 @@ _LATE_M: Final = 40.0
 """Distance by which vehicles turn later, and wider, than predicted."""
 _AHEAD_S: Final = 40.0
 """Time without an incursion for which one that held may fly on: more than that at which it holds."""
-_MAX_RETURN_S: Final = 900.0
-"""Time of a return that is checked for zones and obstacles."""
+MAX_RETURN_S: Final = 900.0
+"""Time of a return that is checked for zones, obstacles and the ground."""
 _NOW_S: Final = 2.0
 """Time of the present flight in which a vehicle counts as inside an area."""
-_TURNS_S: Final = 30
-"""Time in which a vehicle has turned towards a distant place."""
-_STRAIGHT_S: Final = 5
-"""Length of the legs that are checked afterwards, in time."""
+_STRAIGHT_STEPS: Final = 5
+"""Length of the legs that are checked where a flight is straight."""
 _CORNERS: Final = 24
 """Of the polygon that stands for a circle."""
 
@@ -88,9 +87,9 @@ class ZonesAhead:
     def _return_problem(self, back: Flight, present: Flight) -> str:
         """Return which zone or obstacle RTL leads to; empty if to none, or if the vehicle is in it now.
 
-        The way is straight after a turn. The circle at home is compared with zones only.
+        The circle at home is compared with zones only.
         """
-        legs = _to_distant_place(back, back.way_s(_MAX_RETURN_S))
+        legs = _to_distant_place(back)
         problem = self._met(legs) or self.circle_problem(back.goals[-1])
         return problem if problem and problem != self.problem(present, _NOW_S) else ""
 
@@ -140,10 +139,16 @@ def _legs(flight: Flight, ahead_s: float) -> Iterator[_Leg]:
     return pairwise(_places(flight, ahead_s))
 
 
-def _to_distant_place(flight: Flight, ahead_s: float) -> Iterator[_Leg]:
-    """Return the legs of a flight that is straight after a turn; few of them."""
-    places = _places(flight, ahead_s)
-    return pairwise([*places[:_TURNS_S], *places[_TURNS_S:-1:_STRAIGHT_S], places[-1]])
+def _to_distant_place(flight: Flight) -> Iterator[_Leg]:
+    """Return the legs of a flight to the circle at its last goal: few of them where it is straight."""
+    places = _places(flight, flight.return_s(MAX_RETURN_S))
+    last = flight.goals[-1]
+    away_m = [math.dist(place[:2], (last.east_m, last.north_m)) for place in places]
+    farthest = away_m.index(max(away_m))
+    circle_m = abs(last.radius_m) + _OFF_M
+    end = next((k for k in range(farthest, len(places)) if away_m[k] <= circle_m), len(places) - 1)
+    turned = min(math.ceil(flight.turning_s / STEP_S), end)
+    return pairwise([*places[:turned], *places[turned:end:_STRAIGHT_STEPS], places[end]])
 
 
 def _round(circle: Goal, radius_m: float) -> Iterator[_Leg]:

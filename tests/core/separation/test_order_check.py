@@ -4,11 +4,12 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from helpers.sky import LANDING, Sky, fly_on, give, place, with_one_home
+from helpers.hills import elevation_of, hill, terrain_table
+from helpers.sky import FIELD, LANDING, Sky, fly_on, give, place, with_one_home
 
 from gcs.core.operator.waiting_orders import MAX_CHECKS
 from gcs.core.separation.conflicts import Conflict
-from gcs.model import NoticeCode
+from gcs.model import NoFlyZone, NoticeCode, Order
 from sim_vehicles.autopilots.autopilot_traits import Mode
 
 
@@ -221,3 +222,46 @@ def test_one_that_is_near_another_now_does_not_return_to_circle_with_a_third():
     )
     assert check._worse("RTL", "now", ["others"], (True, False)) == "would circle with 1"
     assert check._worse("RTL", "now", ["others"], (False, False)) == ""
+
+
+TARGET_AHEAD = (
+    FIELD.replace("nodes_east = 31", "nodes_east = 121")
+    .replace("nodes_north = 31", "nodes_north = 121")
+    .replace("[planning]", "[planning]\nclearance_m = 20.0")
+    .replace("= 2900.0\nnorth_m = 2900.0", "= 2900.0\nnorth_m = 1500.0")
+    .replace("= 100.0\nnorth_m = 2900.0", "= 2900.0\nnorth_m = 1300.0")
+)
+"""A fine map, with targets in the east."""
+
+
+def test_a_return_that_begins_with_a_turn_is_checked_up_to_home():
+    """Before, the check ended short of home, by the time of the turn: RTL led through the zone."""
+    sky = with_one_home(Sky((1000.0, 1500.0, 80.0), courses_deg=[90.0], field=TARGET_AHEAD))
+    plane = sky.planes[1]
+    place(plane, 2100.0, 1500.0, 80.0, 90.0)
+    fly_on(sky, 5.0)
+    zone = NoFlyZone("fire", (1630.0, 1500.0, 25.0), ())
+    sky.run_.order(Order(sky.run_.t_ns, "zone", "no-fly-zone", None, no_fly_zone=zone))
+    fly_on(sky, 0.6)
+    give(sky, "return")
+    for _ in range(70):
+        fly_on(sky, 1.0)
+        assert np.hypot(plane.east_m - 1630.0, plane.north_m - 1500.0) > 25.0
+    assert not sky.told(NoticeCode.ZONE_ENTERED)
+    assert plane.east_m < 1800.0
+
+
+def test_a_return_from_far_away_is_checked_for_the_ground_up_to_home():
+    """Before, the first two minutes were: RTL led into a hill behind them."""
+    ground = elevation_of(hill(600.0, 1500.0, 150.0, 100.0, 70.0), 3000.0)
+    start_m = 2150.0, 1500.0, 80.0
+    sky = Sky(start_m, courses_deg=[90.0], field=TARGET_AHEAD + terrain_table(ground))
+    sky = with_one_home(sky, (300.0, 1500.0))
+    plane = sky.planes[1]
+    place(plane, 2750.0, 1500.0, 80.0, 90.0)
+    fly_on(sky, 4.0)
+    give(sky, "return")
+    for _ in range(170):
+        fly_on(sky, 1.0)
+        assert plane.alt_msl_m - ground.height_msl_m(plane.east_m, plane.north_m) > 30.0
+    assert plane.east_m < 600.0
