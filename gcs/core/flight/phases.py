@@ -60,6 +60,8 @@ _OUR_MODES: Final = frozenset({"", AUTO, LOITER, "TAKEOFF"})
 _LANDING_MODES: Final = frozenset({"LAND", "PRECLAND", "QLAND", "AUTOLAND"})
 _CAUSES: Final = frozenset(HealthItem) - {HealthItem.WIND, HealthItem.RC, HealthItem.FENCE}
 """Problems that make a vehicle come down."""
+_ABOVE_GROUND_M: Final = 30.0
+"""Above an elevation model, a vehicle that is so high flies: more than models are off."""
 _SINK_M: Final = 15.0
 """Height below the planned one at which a sinking vehicle is reported."""
 _SINK_M_S: Final = 1.0
@@ -89,6 +91,7 @@ class FlightPhases:
         self._state = state
         self._frame: LocalFrame = config.local_frame
         self._lowest_m = config.mission.altitude_rel_m
+        self._elevation = config.elevation
 
     def is_due(self, t_ns: int) -> bool:
         """Return True four times a second."""
@@ -154,7 +157,15 @@ class FlightPhases:
     def _flies_again(self, state: VehicleState, flight: AgentFlight, t_ns: int) -> bool:
         """Return True if a vehicle that has landed, or is down, is in the air: not carried, not bumped."""
         since_ns = t_ns - (flight.airborne_since_t_ns or t_ns)
-        return state.armed and since_ns >= _SETTLE_NS and self._fleet.height_m(state) >= LOW_M
+        if not state.armed or since_ns < _SETTLE_NS:
+            return False
+        return self._fleet.height_m(state) >= LOW_M or self._agl_m(state) >= _ABOVE_GROUND_M
+
+    def _agl_m(self, state: VehicleState) -> float:
+        """Return the height of a vehicle above the elevation model; negative infinity without one."""
+        if self._elevation is None:
+            return -math.inf
+        return state.alt_msl_m - self._elevation.height_msl_m(state.east_m, state.north_m)
 
     def _event_in_air(self, state: VehicleState, height_m: float) -> FlightEvent:
         vehicle = state.system_id

@@ -13,7 +13,10 @@ _MAX_GROUND_SPEED_M_S: Final = 3.0
 _MAX_CLIMB_M_S: Final = 1.0
 _ROLL_M: Final = 5.0
 _MAX_ROLL_M_S: Final = 7.0
-"""Below this height and this speed a vehicle that neither climbs nor sinks rolls, or slides."""
+"""So near the height of its home, and slower, a vehicle that neither climbs nor sinks rolls, or slides.
+
+In a valley below its home it may fly as slowly, against the wind.
+"""
 _MIN_FALL_M: Final = 20.0
 """A disarmed vehicle that moves at this height above its home is in the air."""
 
@@ -30,7 +33,7 @@ def is_on_ground(state: VehicleState | None, home: Home | None) -> bool:
     moves = state.ground_speed_m_s >= _MAX_GROUND_SPEED_M_S or abs(state.climb_m_s) >= _MAX_CLIMB_M_S
     if not state.armed:
         return not moves or height_m < _MIN_FALL_M
-    if home is not None and height_m < _ROLL_M and state.ground_speed_m_s < _MAX_ROLL_M_S:
+    if home is not None and abs(height_m) < _ROLL_M and state.ground_speed_m_s < _MAX_ROLL_M_S:
         return abs(state.climb_m_s) < _MAX_CLIMB_M_S
     if moves:
         return False

@@ -17,6 +17,8 @@ def test_on_the_ground_is_disarmed_or_slow_and_low():
     assert is_on_ground(state(True, 170.0, 0.5, grounded=True), HOME)  # crashed on a hill
     assert not is_on_ground(state(True, 71.0, 0.5, climb=-4.0), HOME)  # falls into a strong wind
     assert is_on_ground(state(True, 71.0, 0.5), HOME)
+    assert is_on_ground(state(True, 71.0, 6.0), HOME)  # rolls
+    assert not is_on_ground(state(True, -45.0, 6.0), HOME)  # in a valley, against the wind
     assert not is_on_ground(state(True, 170.0, 0.5), HOME)
     assert not is_on_ground(state(True, 71.0, 15.0), HOME)
     assert not is_on_ground(state(True, 71.0, 0.5), None)
