@@ -106,13 +106,21 @@ class StackedMissions:
         return planned
 
     def plan_hold(self, vehicle: int, flights: PredictedFlights) -> Route | None:
-        """Return a route to a circle where a vehicle is, in a layer clear of all others; None without one."""
+        """Return a route to a circle where a vehicle holds, in a layer clear of all others; None without one.
+
+        One that holds by a mission gets a circle beside that.
+        """
         state = self._fleet.state(vehicle)
-        place_m = self._agents[vehicle].separation.hold_m
-        if state is None or place_m is None:
+        agent = self._agents[vehicle]
+        place_m = agent.separation.hold_m
+        if state is None:
             return None
+        ends_m: Iterable[Point] = [] if place_m is None else [place_m]
+        if place_m is None and agent.routes.stacked is not None:
+            east_m, north_m = agent.routes.stacked.flown_m[-1].tolist()
+            ends_m = self._beside(vehicle, (east_m, north_m), state.course_rad)
         planned = self._not_flown_yet(vehicle)
-        return self._route(state, [place_m], hold_label(vehicle), planned, {}, flights)
+        return self._route(state, ends_m, hold_label(vehicle), planned, {}, flights)
 
     def plan_clear_circle(
         self, vehicle: int, other: int, search: int, flights: PredictedFlights

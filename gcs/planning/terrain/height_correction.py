@@ -60,8 +60,11 @@ def correct_heights(
     """
     heights_m = route.heights_msl_m
     floor_m, ceiling_m = band.limits_at(flown.places_m[::_EVERY]).T
-    legs = flown.legs[::_EVERY]
-    shares = flown.shares[::_EVERY]
+    is_open = floor_m <= ceiling_m  # where the band is closed, no height is better than another
+    floor_m = floor_m[is_open]
+    ceiling_m = ceiling_m[is_open]
+    legs = flown.legs[::_EVERY][is_open]
+    shares = flown.shares[::_EVERY][is_open]
     n = len(heights_m)
     k = len(legs)
     at = np.tile(np.arange(k), 2)

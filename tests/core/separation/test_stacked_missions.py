@@ -440,6 +440,24 @@ def test_one_that_circles_at_its_target_makes_way_for_one_that_a_failsafe_return
     assert not sky.near_s
 
 
+def test_one_that_made_way_is_led_out_of_a_zone_that_is_closed_there():
+    """Before, no way round the zone was found: it circled on through it."""
+    sky = at_target()
+    one, other = sky.planes[1], sky.planes[2]
+    other.autopilot.home = replace(other.autopilot.home, east_m=1500.0, north_m=2600.0)
+    place(other, 1500.0, 1155.0, one.alt_rel_m)
+    other.autopilot.set_mode(Mode.RTL)
+    fly_on(sky, 60.0)
+    east_m, north_m = sky.run_.engine.state.agents[1].tasking.onboard.circle.centre_m
+    zone = NoFlyZone("fire", (east_m, north_m, 80.0), ())
+    sky.run_.order(Order(sky.run_.t_ns, "zone", "no-fly-zone", None, no_fly_zone=zone))
+    fly_on(sky, 20.0)
+    for _ in range(30):
+        fly_on(sky, 1.0)
+        assert np.hypot(one.east_m - east_m, one.north_m - north_m) > 80.0
+    assert one.autopilot.mode is Mode.AUTO
+
+
 @pytest.mark.parametrize(
     ("px4", "begin_m"), [((), 930.0), ((), 975.0), ((), 1020.0), ((1, 2), 930.0), ((1, 2), 1050.0)]
 )

@@ -8,10 +8,12 @@ from hypothesis import strategies as st
 
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.terrain.band import Vertical, make_band
+from gcs.planning.terrain.detour import AvoidedFlight, band_beside
 from gcs.planning.terrain.flown_route import FlightModel, fly_route, worst_departure_m
 from gcs.planning.terrain.height_correction import correct_heights
 from gcs.planning.terrain.route import TerrainRoute
 from gcs.planning.terrain.terrain_map import BandCircle
+from gcs.terrain.elevation_grid import Elevation
 
 MODEL = FlightModel(15.0, 1.0, TurnAnticipation(40.0, 15.0, 5.0))
 RATES = Vertical(0.2, 0.25)
@@ -84,3 +86,17 @@ def test_a_late_climb_over_a_slope_begins_earlier(start_msl_m):
     below_m, corrected_m = (floor_m - flown.heights(one.heights_msl_m) for one in (route, corrected))
     assert below_m[is_on_slope].max() > 5.0
     assert corrected_m[is_on_slope].max() < 0.5
+
+
+def test_a_route_beside_a_flight_that_leaves_no_height_stays_above_the_ground():
+    """Where the band is closed, no height is better than another. Before, it was led to sea level there."""
+    ground = Elevation((0.0, 0.0), 20.0, np.full((80, 130), 2000.0))
+    at_mid = np.array([[1000.0, north_m, 2085.0] for north_m in np.arange(0.0, 460.0, 10.0)])
+    band = band_beside(make_band(ground, 50.0, 120.0), [AvoidedFlight(at_mid, 60.0, 36.0)])
+    points_m = np.array([[100.0, 300.0], [600.0, 420.0], [1000.0, 515.0], [1400.0, 420.0], [2000.0, 300.0]])
+    circle = BandCircle(2000.0, 240.0, 60.0, 2085.0, 2085.0, is_clockwise=True)
+    route = TerrainRoute(points_m, np.full(5, 2085.0), circle, 1900.0)
+    flown = fly_route(route, MODEL)
+    assert (np.diff(band.limits_at(flown.places_m)) < 0.0).any()
+    corrected = correct_heights(band, route, flown, RATES)
+    assert corrected.heights_msl_m.min() > 2050.0
