@@ -193,7 +193,9 @@ class Stages:
             landing_order,
             stacked_missions,
         )
-        self.incursions = IncursionWarnings(self.state.airspace, self.tasking.onboard_missions)
+        self.incursions = IncursionWarnings(
+            self.state.airspace, self.tasking.onboard_missions, config.local_frame
+        )
         self.no_fly_zone_orders = NoFlyZoneOrders(
             self.no_fly_zones,
             self.state,

@@ -19,6 +19,7 @@ import numpy as np
 from gcs.core.airspace.airspace_state import AirspaceState
 from gcs.core.airspace.no_fly_zones import ClosedZone
 from gcs.core.tasking.onboard_missions import OnboardMissions
+from gcs.geo import LocalFrame
 from gcs.mavlink.services.retry import ns
 from gcs.model import UNLIMITED, Notice, NoticeCode, Parameter, VehicleState
 from gcs.planning.map.grid import Grid, Point
@@ -58,9 +59,10 @@ class Incursion:
 class IncursionWarnings:
     """Predicts incursions of onboard missions."""
 
-    def __init__(self, state: AirspaceState, onboard_missions: OnboardMissions) -> None:
+    def __init__(self, state: AirspaceState, onboard_missions: OnboardMissions, frame: LocalFrame) -> None:
         self._state = state
         self._onboard_missions = onboard_missions
+        self._frame = frame
 
     def entries(self, states: Iterable[VehicleState], zones: Mapping[str, ClosedZone]) -> list[Incursion]:
         """Return the first predicted incursion of each vehicle."""
@@ -103,10 +105,14 @@ class IncursionWarnings:
 
     def _entry(self, state: VehicleState, name: str, zone: ClosedZone) -> Incursion | None:
         position = (state.east_m, state.north_m)
-        points = (position, *self._onboard_missions.points_ahead(state.system_id))
+        missions = self._onboard_missions
+        ahead = missions.points_ahead(state.system_id)
+        back = missions.return_items_ahead(state.system_id)
+        points = (position, *ahead, *(self._frame.to_local(one.x * 1e-7, one.y * 1e-7) for one in back))
         heights_m = [state.alt_msl_m] * len(points)
         if not zone.limits.are_open:
-            heights_m[1:] = self._onboard_missions.heights_ahead_msl_m(state.system_id)
+            heights_m[1:] = missions.heights_ahead_msl_m(state.system_id)
+            heights_m += missions.heights_msl_m(state.system_id, back)
         if zone.is_met(position, position, (state.alt_msl_m, state.alt_msl_m)):
             return Incursion(state.system_id, name, state.mission_seq, 0.0)
         flown_m = 0.0

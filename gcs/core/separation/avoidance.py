@@ -238,15 +238,18 @@ class Avoidances:
         tasking = self._tasking.state
         is_late = incursion.after_s <= _LATEST_BEFORE_ZONE_S and not tasking.is_uploading(vehicle)
         is_due = incursion.after_s > 0.0 and (is_late or not tasking.stage(vehicle))
-        may_hold = self._is_enabled and separation.avoidance is None and self._is_interruptible(vehicle)
-        leads_round = _flies_wanted(agent) and not agent.routes.is_blocked
+        comes_home = self._comes_home(vehicle)
+        is_underway = self._is_interruptible(vehicle) or (comes_home and self._is_free(vehicle))
+        may_hold = self._is_enabled and separation.avoidance is None and is_underway
+        leads_round = _flies_wanted(agent) and not agent.routes.is_blocked and not comes_home
         if leads_round or not (is_due and may_hold):
             return []
         if not self._order_check.should_hold_before_zone(vehicle, self._order_check.predict(t_ns)):
             return []
         other = f"no-fly zone {incursion.zone}"
         avoidance = separation.avoidance = Avoidance(other, t_ns, is_before_zone=True)
-        remedy = "" if returns_by_mission(agent) else ", confirm a plan that leads round it, or return it"
+        is_return = comes_home or returns_by_mission(agent)
+        remedy = "" if is_return else ", confirm a plan that leads round it, or return it"
         about: dict[str, Parameter] = {"other": other, "remedy": f"open the zone{remedy}"}
         notice = Notice(t_ns, NoticeCode.HOLDS_BEFORE_ZONE, vehicle, about)
         return [notice, *self._command(vehicle, avoidance, LOITER, t_ns)]

@@ -8,12 +8,13 @@ seconds, so the upload waits for that.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from pymavlink.dialects.v20.ardupilotmega import (
     MAV_CMD_NAV_LOITER_UNLIM,
     MAV_CMD_NAV_TAKEOFF,
+    MAV_CMD_NAV_WAYPOINT,
     MAV_FRAME_GLOBAL,
 )
 
@@ -24,6 +25,7 @@ from gcs.core.tasking.upload_latency import DELIVERY_S
 from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.upload_limits import UploadLimits
 from gcs.model import NS_PER_S, VehicleState
 from gcs.planning.forward_simulation import RemainingMission
@@ -70,13 +72,25 @@ class OnboardMissions:
         """Return the heights of the points of `points_ahead`, as far as the height of home is known."""
         count = len(self.points_ahead(vehicle))
         onboard = self._agents[vehicle].tasking.onboard
-        home = self._fleet.home(vehicle)
         if not count or onboard is None:
             return ()
-        home_m = 0.0 if home is None else home.alt_msl_m
         last = onboard.first_point + len(onboard.route.points_m)
-        items = onboard.items[last - count : last]
+        return self.heights_msl_m(vehicle, onboard.items[last - count : last])
+
+    def heights_msl_m(self, vehicle: int, items: Sequence[Item]) -> tuple[float, ...]:
+        """Return the heights of mission items above sea level, as far as the height of home is known."""
+        home = self._fleet.home(vehicle)
+        home_m = 0.0 if home is None else home.alt_msl_m
         return tuple(item.z_m + home_m * (item.frame != MAV_FRAME_GLOBAL) for item in items)
+
+    def return_items_ahead(self, vehicle: int) -> tuple[Item, ...]:
+        """Return the waypoints that are left of the return route that a vehicle flies, before its descent."""
+        flown = self._flown(vehicle)
+        if flown is None or self.terminal_phase(vehicle) != "return route":
+            return ()
+        mission, state = flown
+        left = mission.items[state.mission_seq :]
+        return tuple(item for item in left if item.command == MAV_CMD_NAV_WAYPOINT)
 
     def forward_simulation(self, vehicle: int, wait_s: float, t_ns: int) -> RemainingMission:
         """Return what a vehicle flies if it gets no other mission before `wait_s`."""

@@ -9,6 +9,7 @@ from helpers.banked_field import BANKED_FIELD
 from helpers.flight_copies import copy_of
 from helpers.hills import elevation_of, terrain_table
 from helpers.noticed import noticed
+from helpers.sky import LANDING, Sky, fly_on
 from helpers.staging import S
 
 from gcs.model import NoFlyZone, NoticeCode, Order, OrderAnswer, Scan, VerticalLimits
@@ -263,3 +264,29 @@ def test_a_vehicle_that_held_flies_on_when_its_way_back_is_clear_of_obstacles():
         led_or_held = {"AUTO": way_back, None: present}
         flights.of = lambda _vehicle, mode=None, chosen=led_or_held: chosen[mode]
         assert check.release_problem(1, flights) == problem
+
+
+@pytest.mark.parametrize("px4", [(), (1,)])
+def test_a_vehicle_on_its_return_route_holds_before_a_zone_until_it_is_opened(px4):
+    """Before, one alarm came when the zone was closed, and the vehicle flew through it."""
+    sky = Sky((1500.0, 500.0, 80.0), field=LANDING, px4=px4)
+    plane = sky.planes[1]
+    agent = sky.run_.engine.state.agents[1]
+    while agent.perception.status.status != "arrived":
+        fly_on(sky, 1.0)
+    fly_on(sky, 25.0)
+    begin_m, end_m = agent.routes.return_m[:2]
+    centre_m = begin_m + 0.7 * (end_m - begin_m)
+    zone = NoFlyZone("fire", (*centre_m.tolist(), 60.0), ())
+    sky.run_.order(Order(sky.run_.t_ns, "close", "no-fly-zone", None, no_fly_zone=zone))
+    for _ in range(90):
+        fly_on(sky, 1.0)
+        assert np.hypot(*(np.array((plane.east_m, plane.north_m)) - centre_m)) > 60.0
+    assert plane.autopilot.mode is Mode.LOITER
+    ((ahead_s, _),) = sky.told(NoticeCode.ZONE_AHEAD)
+    ((held_s, notice),) = sky.told(NoticeCode.HOLDS_BEFORE_ZONE)
+    assert ahead_s <= held_s < ahead_s + 1.0
+    assert notice.parameters["remedy"] == "open the zone"
+    sky.run_.order(Order(sky.run_.t_ns, "open", "no-fly-zone", None, no_fly_zone=NoFlyZone("fire", None, ())))
+    fly_on(sky, 150.0)
+    assert not plane.autopilot.armed
