@@ -325,6 +325,9 @@ def test_a_vehicle_clear_of_all_areas_is_checked_once(monkeypatch):
         def points_ahead(self, _vehicle: int) -> tuple[tuple[float, float], ...]:
             return ((900.0, 5.0), (900.0, 900.0))
 
+        def return_items_ahead(self, _vehicle: int) -> tuple[()]:
+            return ()
+
     blocked = np.zeros((100, 100), dtype=np.bool_)
     on_map = ObstacleMap(Grid((0.0, 0.0), 10.0, blocked), (), LayerHeights(100.0, 180.0, 70.0, 20.0))
     areas = {}
@@ -332,7 +335,8 @@ def test_a_vehicle_clear_of_all_areas_is_checked_once(monkeypatch):
         one = blocked.copy()
         one[60 + number % 5, 10] = True
         areas[f"a{number}"] = ClosedZone(Grid((0.0, 0.0), 10.0, one), UNLIMITED, on_map)
-    warnings = IncursionWarnings(AirspaceState(), OnboardMissions())  # type: ignore[arg-type]
+    frame = LocalFrame(33.2, -87.6, 70.0)
+    warnings = IncursionWarnings(AirspaceState(), OnboardMissions(), frame)  # type: ignore[arg-type]
     checks = []
     entry = warnings._entry
     monkeypatch.setattr(warnings, "_entry", lambda *a: checks.append(a) or entry(*a))
