@@ -61,6 +61,8 @@ def correct_heights(
     heights_m = route.heights_msl_m
     floor_m, ceiling_m = band.limits_at(flown.places_m[::_EVERY]).T
     is_open = floor_m <= ceiling_m  # where the band is closed, no height is better than another
+    if not is_open.any():
+        return route
     floor_m = floor_m[is_open]
     ceiling_m = ceiling_m[is_open]
     legs = flown.legs[::_EVERY][is_open]

@@ -100,3 +100,12 @@ def test_a_route_beside_a_flight_that_leaves_no_height_stays_above_the_ground():
     assert (np.diff(band.limits_at(flown.places_m)) < 0.0).any()
     corrected = correct_heights(band, route, flown, RATES)
     assert corrected.heights_msl_m.min() > 2050.0
+
+
+def test_a_route_where_the_band_is_closed_everywhere_is_kept():
+    ground = Elevation((0.0, 0.0), 20.0, np.full((80, 130), 2000.0))
+    at_mid = np.array([[x, 300.0, 2085.0] for x in np.arange(0.0, 2500.0, 10.0)])
+    band = band_beside(make_band(ground, 50.0, 120.0), [AvoidedFlight(at_mid, 300.0, 36.0)])
+    circle = BandCircle(2000.0, 240.0, 60.0, 2085.0, 2085.0, is_clockwise=True)
+    route = TerrainRoute(np.array([[100.0, 300.0], [2000.0, 300.0]]), np.full(2, 2085.0), circle, 1900.0)
+    assert correct_heights(band, route, fly_route(route, MODEL), RATES) is route
