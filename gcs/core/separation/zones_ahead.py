@@ -52,8 +52,14 @@ class ZonesAhead:
         """The same for the way back to a route."""
 
     def first(self, flight: Flight) -> str:
-        """Return the name of the first closed zone that a flight soon leads into; empty if there is none."""
-        return self._first(_legs(flight, _AHEAD_S)) if self._zones.closed else ""
+        """Return the name of the first closed zone that a flight soon leads into; empty if there is none.
+
+        A climb in a circle before it flies on, as a PX4 begins a mission, comes on top of that time.
+        """
+        if not self._zones.closed:
+            return ""
+        climbs_first = flight.goals[0].kind is GoalKind.CIRCLE and len(flight.goals) > 1
+        return self._first(_legs(flight, _AHEAD_S + (flight.turning_s if climbs_first else 0.0)))
 
     def mode_problem(self, mode: str, ordered: Flight, present: Flight) -> str:
         """Return which zone or obstacle an ordered mode leads to; empty if to none, or as the present flight.

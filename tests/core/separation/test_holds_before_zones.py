@@ -12,6 +12,7 @@ from helpers.noticed import noticed
 from helpers.sky import LANDING, Sky, fly_on
 from helpers.staging import S
 
+from gcs.core.separation.forward_flight import Goal, GoalKind
 from gcs.model import NoFlyZone, NoticeCode, Order, OrderAnswer, Scan, VerticalLimits
 from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
@@ -264,6 +265,18 @@ def test_a_vehicle_that_held_flies_on_when_its_way_back_is_clear_of_obstacles():
         led_or_held = {"AUTO": way_back, None: present}
         flights.of = lambda _vehicle, mode=None, chosen=led_or_held: chosen[mode]
         assert check.release_problem(1, flights) == problem
+
+
+@pytest.mark.parametrize("climb_s", [2.0, 10.0, 40.0])
+def test_a_vehicle_that_first_climbs_in_a_circle_holds_on_before_a_zone(climb_s):
+    """A PX4 flew on for five seconds, and held again: what was looked at ended in that circle."""
+    flight = Flight()
+    flight.fly(55.0)
+    check = flight.run.engine.stages.avoidances._order_check
+    mission = check.predict(flight.run.t_ns).of(1, "AUTO")
+    circle = Goal(GoalKind.CIRCLE, mission.east_m, mission.north_m, 60.0, mission.height_m + 20.0, climb_s)
+    assert check._zones.first(mission) == "fire"
+    assert check._zones.first(replace(mission, goals=(circle, *mission.goals))) == "fire"
 
 
 @pytest.mark.parametrize("px4", [(), (1,)])
