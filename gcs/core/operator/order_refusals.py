@@ -12,7 +12,7 @@ vehicle reports that it is on the ground, and never forced.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from typing import Final
 
 from gcs.core.operator.order_commands import MODES, ordered_modes
@@ -25,7 +25,7 @@ from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, PILOTED, RTL
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
-from gcs.model import Authority, Order, VehicleState
+from gcs.model import Authority, Order, VehicleState, vehicle_name
 
 _MAX_GROUND_SPEED_M_S: Final = 2.0
 _MAX_GROUND_HEIGHT_M: Final = 5.0
@@ -35,6 +35,11 @@ at 30 m."""
 _LEVEL_HEIGHT_M: Final = 20.0
 """The same for a PX4 in RTL that does not descend: its return may end in a low circle, at RTL_DESCEND_ALT."""
 _LEVEL_M_S: Final = 0.5
+
+
+def not_in_mission(known: Iterable[int]) -> str:
+    """Return why an order to a vehicle that is not of the mission is refused."""
+    return f"no vehicle of this mission; it has {', '.join(map(vehicle_name, known))}"
 
 
 class OrderRefusals:

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 from gcs.core.flight.phases import FlightPhases
 from gcs.core.operator.operator_state import OrderInProgress
+from gcs.core.operator.order_refusals import not_in_mission
 from gcs.core.state import Agent
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
-from gcs.model import Effect, Order, named, vehicle_name
+from gcs.model import Effect, Order, named
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +55,7 @@ class ReadyOrders:
     def _refusal(self, vehicle: int) -> str:
         """Return why a vehicle cannot be taken into service; empty if it can."""
         if vehicle not in self.agents:
-            return f"no vehicle of this mission; it has {', '.join(map(vehicle_name, self.agents))}"
+            return not_in_mission(self.agents)
         state = self.fleet.state(vehicle)
         if not self._waits(vehicle):
             return "has neither landed nor come down: nothing was changed"

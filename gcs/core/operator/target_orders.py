@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from gcs.core.operator.operator_state import OperatorState, OrderInProgress, TargetSettings
+from gcs.core.operator.order_refusals import not_in_mission
 from gcs.core.perception.track_lifecycle import TrackConfirmation
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.state import Agent
@@ -43,7 +44,7 @@ class TargetOrders:
     def _refusal(self, order: Order) -> str:
         unknown = [v for v in order.vehicles or () if v not in self.agents]
         if unknown:
-            return f"no {named(unknown)} in this mission; it has {named(self.agents)}"
+            return f"{named(unknown)}: {not_in_mission(self.agents)}"
         label = order.target
         tracks = self.targets.tracks
         if label is not None and label not in tracks and order.action != "attend":

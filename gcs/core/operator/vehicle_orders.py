@@ -13,7 +13,7 @@ from collections.abc import Callable, Container
 
 from gcs.core.operator.operator_state import OrderInProgress
 from gcs.core.operator.order_commands import MODES, REPLACED, OrderCommands
-from gcs.core.operator.order_refusals import OrderRefusals
+from gcs.core.operator.order_refusals import OrderRefusals, not_in_mission
 from gcs.core.operator.return_missions import ReturnMissions
 from gcs.core.operator.waiting_orders import WaitingOrders
 from gcs.core.replanning.planned_flights import AltitudeLayers
@@ -25,7 +25,7 @@ from gcs.core.takeoff.sequence import TakeoffSequence
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
-from gcs.model import AnswerState, Effect, Label, Notice, NoticeCode, Order, named, vehicle_name
+from gcs.model import AnswerState, Effect, Label, Notice, NoticeCode, Order, named
 
 
 class Orders:
@@ -86,7 +86,7 @@ class Orders:
         for vehicle in vehicles:
             is_heard = vehicle in known and known[vehicle].liveness == "alive"
             if vehicle not in known:
-                refusal = f"no vehicle of this mission; it has {', '.join(map(vehicle_name, known))}"
+                refusal = not_in_mission(known)
             elif known[vehicle].address is None:
                 refusal = "never heard"
             elif unchanged_state := self._refusals.unchanged(order, vehicle, is_heard=is_heard):

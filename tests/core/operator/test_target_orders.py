@@ -74,7 +74,7 @@ def test_an_order_to_a_vehicle_that_is_not_there_is_refused(action: str) -> None
     (answer,) = fly([order(12.0, action, 99, target=target)], 13.0).all(OrderAnswer)
     assert (answer.state, answer.detail) == (
         "refused",
-        "no agent 99 in this mission; it has agents 1, 2, 3, 4",
+        "agent 99: no vehicle of this mission; it has 1, 2, 3, 4",
     )
 
 
